@@ -35,7 +35,7 @@ TYPE = re.compile(r"(?:struct|class|enum class|enum|using) (?!namespace)(\w+)")
 """The declaration of a type."""
 
 NAME = re.compile(r"(\w+(?:<[^()]*?>)?::)*~?(\w+)(?:\[\w*\])*$")
-"""What stands before the parameters of a function or the value of a variable: the class of a member, and the name."""
+"""The text before the parameters of a function or the value of a variable: the class of a member, and the name."""
 
 HEAD = """\
 // libpdeanim {version}: the decoder of .pdeanim files with its C interface, in one file.
@@ -64,7 +64,7 @@ HEAD = """\
 
 
 def without_comments(text: str) -> str:
-    """Remove comments, and the empty lines and spaces that they leave."""
+    """Remove comments, and the empty lines and spaces that remain."""
     text = TOKEN.sub(lambda found: "" if found[0].startswith("/") else found[0], text)
     return "".join(f"{line.rstrip()}\n" for line in text.splitlines() if line.strip())
 
@@ -75,7 +75,7 @@ class Item:
 
     text: str
     names: frozenset[str]
-    """What it declares, or the class of the member that it defines."""
+    """Names that it declares, or the class of the member that it defines."""
 
     @cached_property
     def words(self) -> frozenset[str]:
@@ -99,7 +99,7 @@ def items_of(text: str) -> Iterator[Item]:
 def declared_names(text: str) -> frozenset[str]:
     """Return the names that an item declares, or the class of the member that it defines.
 
-    Of the C interface, which no other item needs, none.
+    Empty for items of the C interface, which no other item needs.
     """
     while text.startswith("template <"):
         end, depth = len("template <"), 1
@@ -139,7 +139,7 @@ def sources() -> list[Path]:
 
 
 def without_unused(text: str) -> str:
-    """Remove what only encoders need: what no other item names, again and again until nothing is left to remove."""
+    """Remove items that only encoders need: repeatedly remove items that no other item names."""
     for_encoder = re.compile(r"template (?!<).*Mode::(encode|measure)", re.DOTALL)
     kept = [item for item in items_of(text) if not for_encoder.match(item.text)]
     items = list[Item]()
@@ -185,7 +185,7 @@ class Amalgamation:
 
     @staticmethod
     def _is_conditional(before: list[str]) -> bool:
-        """Return whether what follows some lines is within an ``#if``."""
+        """Return whether the text after some lines is within an ``#if``."""
         opened = [line.split("if", 1)[0] for line in before if re.match(r"#\s*(if|endif)", line)]
         return opened.count("#") > opened.count("#end")
 

@@ -1,4 +1,4 @@
-// Arrays with allocators of their own: aligned to cache lines, or placed in large memory pages.
+// Arrays with special allocators: aligned to cache lines, or placed in large memory pages.
 #pragma once
 
 #include <cstddef>

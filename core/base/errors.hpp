@@ -54,7 +54,7 @@ struct CorruptError : std::runtime_error {
     i64 offset, frame = -1;
 };
 
-// The bytes ask for more memory than the caller's limit allows.
+// Decoding the bytes would take more memory than the caller's limit allows.
 struct LimitError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -69,7 +69,7 @@ struct ReadError : std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-// The bytes that decoding may take. Several threads may take from one limit.
+// Number of bytes that decoding may take; several threads may share one limit.
 class MemoryLimit {
 public:
     explicit MemoryLimit(u64 bytes) : bytes_(bytes), left_(bytes) {}
@@ -79,7 +79,7 @@ public:
 
     u64 left() const { return left_; }
 
-    // Take bytes for good. LimitError if fewer are left; its message says what they were for.
+    // Take bytes permanently. LimitError if fewer are left; its message says what the bytes were for.
     void take(u64 bytes, std::string_view what) {
         u64 left = left_;
         do {
@@ -131,7 +131,7 @@ public:
         limit_->give_back(bytes);
     }
 
-    // Return all bytes but those that turned out to be needed.
+    // Return all bytes except those that turned out to be needed.
     void keep(u64 bytes) {
         if (bytes < bytes_) give_back(bytes_ - bytes);
     }

@@ -24,7 +24,7 @@
 #define PDEANIM_INLINE inline __attribute__((always_inline))
 #endif
 
-// The same for lambdas within such loops.
+// Inlines lambdas within such loops in the same way.
 #if defined(__GNUC__)
 #define PDEANIM_INLINE_LAMBDA __attribute__((always_inline))
 #else

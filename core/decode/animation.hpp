@@ -1,13 +1,12 @@
 // The decoder: a run of frames of an open file. Begin here. From the bytes to a position:
 //
-//     container.hpp     source of the bytes, and the table of sections; fields.hpp reads numbers from a section
-//     file.hpp          a file: its times, and the places of the sections of each run; headers.hpp: SEQN, MODL, GRUP
-//     run_sections.hpp  one run: names, connectivity, reference frame, attributes, space basis, decoded on first use
-//     decoded_cache.hpp what is decoded of motion and fields, within one byte budget
-//     group_cache.hpp   decodes groups of frames; groups_ahead.hpp reads them ahead, decoded_group.hpp decodes one
-//     evaluator.hpp     positions, velocities, accelerations at times, from groups; evaluate/ has the loops
-//     stored_fields.hpp fields: values that change in time on vertices, faces, corners, objects or cells;
-//                       field_headers.hpp reads their headers (FLDS)
+// container.hpp source of the bytes, and the table of sections; fields.hpp reads numbers from a section file.hpp a
+// file: its times, and the places of the sections of each run; headers.hpp: SEQN, MODL, GRUP run_sections.hpp one run:
+// names, connectivity, reference frame, attributes, space basis, decoded on first use decoded_cache.hpp decoded parts
+// of motion and fields, within one byte budget group_cache.hpp decodes groups of frames; groups_ahead.hpp reads them
+// ahead, decoded_group.hpp decodes one evaluator.hpp positions, velocities, accelerations at times, from groups;
+// evaluate/ has the loops stored_fields.hpp fields: values that change in time on vertices, faces, corners, objects or
+// cells; field_headers.hpp reads their headers (FLDS)
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once
@@ -25,11 +24,11 @@ public:
 
     struct Options {
         int threads = 0;              // number of threads; 0: one per processor
-        i64 kept_bytes = usual_kept;  // byte budget of the cache of what is decoded, fields included
+        i64 kept_bytes = usual_kept;  // byte budget of the cache of decoded parts, fields included
         Turns::Cancels cancels;       // shared with other animations that are cancelled together; null: not shared
     };
 
-    // Read the headers of a run. CorruptError if it is damaged, LimitError if it asks for more memory than the file has
+    // Read the headers of a run. CorruptError if it is damaged, LimitError if it needs more memory than the file has
     // left.
     Animation(std::shared_ptr<const File> file, std::size_t run, const Options &options)
         : turns_(options.cancels), sections_(std::move(file), run, threads_of(options), turns_),

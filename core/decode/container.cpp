@@ -9,10 +9,10 @@ namespace pdeanim {
 
 namespace {
 
-// Made like PNG's: a byte that is not ASCII, the name, and line ends that a transfer as text would change.
+// Modelled on PNG's: a byte that is not ASCII, the name, and line ends that a transfer as text would change.
 constexpr std::array<u8, 12> identifier = {0x89, 'P', 'D', 'E', 'A', 'N', 'I', 'M', '\r', '\n', 0x1A, '\n'};
 constexpr std::size_t header_size = 28, row_head = 5, checksum_size = 4;
-constexpr u32 most_sections = 64;  // far more than this version defines: a larger number means damage
+constexpr u32 most_sections = 64;  // far more sections than this version defines: a larger number means damage
 constexpr int length_at = 4;       // position, among a row's flag bits, of the width of its length
 constexpr std::size_t most_length_bytes = 8;
 constexpr u8 required = 1;                   // flag: a decoder that does not know the section must refuse the file

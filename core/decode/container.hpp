@@ -102,7 +102,7 @@ template <std::size_t count> consteval std::array<SectionType, count> sections_w
     return found;
 }
 
-// Where a section lies. Without a checksum for the whole section, each of its chunks has one.
+// The position of a section. If it has no checksum for the whole section, each of its chunks has one.
 struct SectionPlace {
     u64 offset = 0, length = 0;
     std::optional<u32> checksum;
@@ -124,7 +124,7 @@ public:
     // Use a given table, which lists the sections of one run of the file.
     Container(Source &source, std::vector<SectionEntry> entries) : source_(source), entries_(std::move(entries)) {}
 
-    // Raise CorruptError if there is a section that a decoder must know and does not.
+    // Raise CorruptError if there is a section that a decoder must know but does not know.
     void check_known() const;
 
     const std::vector<SectionEntry> &entries() const { return entries_; }

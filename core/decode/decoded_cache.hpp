@@ -1,6 +1,6 @@
-// Cache of everything that is decoded and can be decoded again: groups of frames of the motion; groups, computed frames
-// and tables of neighbours of fields. One byte budget for all of them: the least recently used part is evicted, computed
-// frames first.
+// Cache of all decoded data that can be decoded again: groups of frames of the motion; groups, computed frames and
+// tables of neighbours of fields. They share one byte budget: the least recently used part is evicted, computed frames
+// first.
 #pragma once
 
 #include <list>
@@ -24,11 +24,11 @@ public:
         std::size_t field, number;  // number: of a group, or of a frame
         auto operator<=>(const Key &) const = default;
     };
-    // The group of a motion; values of a field's group or frame, (frames of the chunk, rows, components) of its type; the
-    // rows of fields.
+    // A group of the motion; values of a field's group or frame, (frames of the chunk, rows, components) of its type;
+    // or the rows of fields.
     using Part = std::variant<DecodedGroup, std::vector<u8>, FieldRows>;
 
-    // largest_budget: bytes of all parts at most. `limit` must outlive the cache.
+    // largest_budget: largest number of bytes of all parts. `limit` must outlive the cache.
     DecodedCache(MemoryLimit &limit, i64 largest_budget)
         : limit_(limit), largest_budget_(static_cast<u64>(largest_budget)), budget_(first_budget()) {}
 
@@ -38,21 +38,21 @@ public:
     u64 first_budget() const { return largest_budget_ / 8; }
 
     u64 budget() const { return budget_; }
-    u64 bytes() const { return bytes_; }  // of all parts
+    u64 bytes() const { return bytes_; }  // bytes of all parts
     bool is_empty() const { return places_.empty(); }
     bool has(const Key &key) const { return places_.contains(key); }
 
-    // Return a part, which becomes the latest; nullptr if it is not cached.
+    // Return a part, which becomes the most recently used; nullptr if it is not cached.
     const Part *find(const Key &key);
 
-    // Keep a new part of `bytes`; it stays until others are kept or memory is taken. taken: its memory, unless the part
-    // itself holds it.
+    // Keep a new part of `bytes`; it stays at least until other parts are kept or memory is taken. taken: its memory,
+    // unless the part itself holds it.
     const Part &keep(const Key &key, Part part, u64 bytes, TakenMemory taken = {});
 
     // Evict parts until the limit has so many bytes left, or the cache is empty.
     void make_room(u64 bytes);
 
-    // Take memory after making room for it. LimitError if it is too little with an empty cache.
+    // Take memory after making room for it. LimitError if there is too little even with an empty cache.
     TakenMemory take(u64 bytes, std::string_view what);
 
     void clear();
@@ -65,7 +65,7 @@ private:
         TakenMemory taken;
     };
 
-    // As many frames as a spline between two frames needs; reading a clip once does not fill the budget.
+    // As many frames as a spline between two frames needs, so that reading a clip once does not fill the budget.
     static constexpr std::size_t most_frames = 64;
 
     std::list<Kept> &parts_like(const Key &key) { return key.kind == field_frame ? frames_ : others_; }
@@ -75,9 +75,10 @@ private:
 
     MemoryLimit &limit_;
     u64 largest_budget_, budget_, bytes_ = 0;
-    std::list<Kept> frames_, others_;  // the latest first
+    std::list<Kept> frames_, others_;  // most recently used first
     std::map<Key, std::list<Kept>::iterator> places_;
-    std::map<std::pair<Kind, std::size_t>, std::vector<bool>> evicted_;  // of each kind and field, by number; no frames
+    // For each kind and field, whether each group was evicted. Evicted frames are not recorded.
+    std::map<std::pair<Kind, std::size_t>, std::vector<bool>> evicted_;
 };
 
 }  // namespace pdeanim

@@ -12,10 +12,10 @@ namespace pdeanim {
 
 namespace {
 
-// Number of parts in which coefficients are decoded: enough that another thread soon has work, few enough that dividing
-// costs nothing.
+// Number of parts in which coefficients are decoded: enough that another thread soon has work, few enough that the
+// division costs nothing.
 constexpr i64 parts = 12;
-constexpr i64 subbands_at_once = 16;  // subbands between two checks whether decoding shall stop
+constexpr i64 subbands_at_once = 16;  // number of subbands between two checks whether decoding shall stop
 
 }  // namespace
 
@@ -126,7 +126,7 @@ void normalise(std::vector<double> &values, i64 functions) {
     }
 }
 
-// cos(j pi (f + 1/2) / frames), orthonormal.
+// Orthonormal cosines cos(j pi (f + 1/2) / frames).
 std::vector<double> cosines(i64 frames, i64 functions) {
     const std::vector<double> wave = cosine_wave(frames);
     const double scale = std::sqrt(2.0 / static_cast<double>(frames));

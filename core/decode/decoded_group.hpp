@@ -49,7 +49,7 @@ private:
         not_taken,
         being_taken,
         taken
-    };  // the state of the partition tree's coefficients, which motion needs first
+    };  // the state of the coefficients of the partition tree, which motion needs first
 
     void finish(std::exception_ptr failure);
     template <class Real> void take_tree(Motion<Real> &motion);
@@ -66,7 +66,7 @@ private:
 };
 
 struct DecodedGroup {
-    // Return the bytes that it counts for in the cache.
+    // Return its size in the cache in bytes.
     i64 bytes() const;
 
     // Return the functions of time at consecutive frames. `frame` is the index of the first one in the clip.
@@ -83,10 +83,10 @@ struct DecodedGroup {
 };
 
 // Return the functions of time at the frames of a group: (frames, time axes, functions). times: of the group's frames
-// [s]; values: the result of `decode_group_times`, used for sampled bases only.
+// [s]; values: the result of `decode_group_times`, used only by sampled bases.
 std::vector<double> functions_of_time(const Group &group, std::span<const double> times, std::vector<double> values);
 
-// Decode the functions of time from a group's chunk of section TIME, for sampled bases; CorruptError if it is damaged.
+// Decode the functions of time of a sampled basis from a group's chunk of section TIME; CorruptError if it is damaged.
 std::vector<double> decode_group_times(const Group &group, std::span<const u8> chunk);
 
 // Parts of a group that other threads have begun to decode.

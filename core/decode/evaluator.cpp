@@ -11,7 +11,7 @@ namespace pdeanim {
 
 namespace {
 
-// Bytes that an evaluation reads and writes from which several threads pay off: starting a thread takes 30 us. The
+// Bytes read and written by an evaluation from which several threads pay off: starting a thread takes 30 us. The
 // vertices are divided into 2^part_levels parts.
 constexpr i64 bytes_worth_a_thread = i64{1} << 21, bytes_of_a_position = 24;
 constexpr int part_levels = 3;

@@ -26,14 +26,14 @@ struct FrameResiduals {
     std::vector<Position> base;  // positions by the model alone; empty if no vertex is raw
 };
 
-// Public functions may be called from several threads, which take turns, except the last four: their caller holds the
-// turn.
+// Public functions may be called from several threads, which take turns. The last four are exceptions: their caller
+// holds the turn.
 class Evaluator {
 public:
     // The arguments must outlive this object.
     Evaluator(RunSections &run, GroupCache &groups, Turns &turns) : run_(run), groups_(groups), turns_(turns) {}
 
-    // Evaluate a quantity of all vertices, or of those of one object, at times [s] in any order: out is (times,
+    // Evaluate a quantity of all vertices, or of the vertices of one object, at times [s] in any order: out is (times,
     // vertices, 3). Before the first frame and after the last one the mesh stands still. ArgumentError if a time is
     // NaN.
     void evaluate(Quantity quantity, std::span<const double> times, std::optional<i64> object, std::span<float> out);
@@ -44,7 +44,7 @@ public:
     // Return the weights of one group's functions of time: (time axes, functions).
     std::vector<double> weights(Quantity quantity, double time, std::size_t group);
 
-    // A quantity of all vertices at a frame: out is (vertices, 3).
+    // Evaluate a quantity of all vertices at a frame: out is (vertices, 3).
     void evaluate_frame(Quantity quantity, i64 frame, std::span<float> out) {
         evaluate_all(quantity, {&run_.times()[frame], 1}, out);
     }

@@ -27,7 +27,8 @@ std::string read_text(FieldReader &fields) {
     return text;
 }
 
-// Read the next group of a field. before: number of frames in its earlier groups; frames: number of frames of the clip.
+// Read the next group of a field. before: number of frames in the field's earlier groups; frames: number of frames of
+// the clip.
 FieldGroup read_field_group(FieldReader &fields, FieldType type, i64 before, i64 frames) {
     FieldGroup group;
     const u8 code = fields.integer<u8>();

@@ -18,7 +18,7 @@ inline i64 size_of_type(FieldType type) {
     return sizes[static_cast<int>(type)];
 }
 
-// How the whole numbers of a chunk become values: as they are (the bits of floats, mapped so that their order is kept);
+// How the whole numbers of a chunk become values: unchanged (the bits of floats, mapped so that their order is kept);
 // in pairs of 32 bits, the higher half first; or times a quantisation step. The other codings have no chunk: their
 // values are computed from another field, or from the motion.
 enum class FieldCode : u8 { exact, halves, quantised, copy, magnitude, velocity, displacement };
@@ -27,7 +27,8 @@ constexpr int field_codes = 7;
 inline bool is_computed(FieldCode code) { return code >= FieldCode::copy; }
 inline bool has_source(FieldCode code) { return code == FieldCode::copy || code == FieldCode::magnitude; }
 
-// Consecutive frames of a field. They use some frames of a chunk; the last of those is held for the remaining frames.
+// Consecutive frames of a field. They use some frames of a chunk; the last of these also stands for the remaining
+// frames.
 struct FieldGroup {
     i64 first = 0, frames = 0;      // frames of the clip
     i64 skipped = 0, in_chunk = 0;  // frames of the chunk that are not used, and frames of the chunk in total
@@ -35,7 +36,8 @@ struct FieldGroup {
     double unit = 0.0;  // width of a quantisation step
     u64 offset = 0, size = 0;
     u32 checksum = 0;
-    i64 source = 0, component = 0;  // of a copy: index of the source field, and its component that is component 0 here
+    // For a copy: index of the source field, and the source's component that becomes component 0.
+    i64 source = 0, component = 0;
 };
 
 struct FieldHeader {
@@ -53,7 +55,7 @@ struct FieldHeader {
     std::size_t group_of(i64 frame) const;
 };
 
-// Read section FLDS; without this section there are no fields. CorruptError if it is damaged, LimitError if it asks for
+// Read section FLDS; without this section there are no fields. CorruptError if it is damaged, LimitError if it needs
 // too much memory.
 std::vector<FieldHeader> read_field_headers(RunSections &run);
 

@@ -127,12 +127,13 @@ inline bool is_checksum(u32 found, u32 expected) {
 #endif
 }
 
-// Limits on values, which hold in all parts of the format.
+// Limits on values that hold in all parts of the format.
 namespace limits {
 
-inline constexpr double largest_step = 0x1p160;  // positions end at 2^128, and products with it stay far from overflow
-inline constexpr double largest_rate = 12.0;     // largest rate in Eqs. 12, 14 and 16 over a half-range of 1
-inline constexpr i64 most_group_frames = 4096;   // bounded because an encoder holds a whole group in memory
+// Positions end at 2^128, so products with the step stay far from overflow.
+inline constexpr double largest_step = 0x1p160;
+inline constexpr double largest_rate = 12.0;    // largest rate in Eqs. 12, 14 and 16 over a half-range of 1
+inline constexpr i64 most_group_frames = 4096;  // bounded because an encoder holds a whole group in memory
 
 }  // namespace limits
 

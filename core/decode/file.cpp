@@ -8,8 +8,8 @@ namespace pdeanim {
 
 namespace {
 
-// Peak memory that a file declares. Each frame: its time as stored, its times in the core and in Python, and a row of
-// the spline. Each run: the places of its sections, and its Python objects.
+// Peak memory that a file declares. For each frame: its time as stored, its times in the core and in Python, and a row
+// of the spline. For each run: the places of its sections, and its Python objects.
 constexpr u64 bytes_per_frame = 128, bytes_per_run = 512;
 
 constexpr std::string_view table = "RUNS", data = "RDAT", table_of_fields = "RFLD", of_cells = "SOLD";
@@ -51,7 +51,7 @@ void File::read_runs() {
     }
     const std::size_t count = sequence_.run_frames.size();
     memory_.take(bytes_per_run * count, std::to_string(count) + " runs of frames");
-    sequence_.names(0, [](i64) {});  // a file of several runs has no names of its own: each run has
+    sequence_.names(0, [](i64) {});  // a file of several runs has no names, because each run has its own
     const std::vector<u8> bytes = container_.read(table);
     FieldReader fields(bytes, "RUNS");
     const SectionPlace &all = container_.entry(data);
@@ -86,8 +86,7 @@ void File::read_runs() {
     if (left > 0) throw CorruptError(Section("RDAT"), "has " + std::to_string(left) + " bytes that belong to no run");
 }
 
-// Read section RFLD: the lengths of FLDS and FDAT of each run. These lie one after the other in the file's sections of
-// these names.
+// Read section RFLD: the lengths of each run's parts of FLDS and FDAT, which follow each other in these sections.
 void File::read_fields_of_runs() {
     const std::vector<u8> bytes = container_.read(table_of_fields);
     FieldReader fields(bytes, "RFLD");
@@ -106,7 +105,8 @@ void File::read_fields_of_runs() {
     if (left[0].length + left[1].length > 0) throw CorruptError(Section("RFLD"), "leaves bytes of FLDS or FDAT out");
 }
 
-// Section SOLD of a file of runs: the length of each run's own, or 0 if that is the one before; then these.
+// Read section SOLD of a file of several runs: first the length of each run's part, or 0 if it equals the previous one;
+// then the parts.
 void File::read_cells_of_runs() {
     const std::vector<u8> bytes = container_.read(of_cells);
     FieldReader fields(bytes, "SOLD");

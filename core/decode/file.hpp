@@ -30,8 +30,8 @@ class File {
 public:
     static constexpr u64 usual_memory = u64{4} << 30;  // default limit on memory; enough for some five million vertices
 
-    // Read the header, the times and the table of runs. CorruptError if the file is damaged, LimitError if it asks for
-    // too much memory.
+    // Read the header, the times and the table of runs. CorruptError if the file is damaged, LimitError if it needs too
+    // much memory.
     File(std::unique_ptr<Source> source, u64 max_memory);
 
     const Container &container() const { return container_; }
@@ -39,7 +39,7 @@ public:
     const std::vector<Run> &runs() const { return runs_; }
     i64 frames() const { return static_cast<i64>(sequence_.times.size()); }
 
-    // Return the limit on memory, less what the headers take.
+    // Return the limit on memory, less the memory of the headers.
     const MemoryLimit &memory() const { return memory_; }
 
     // Return the run at a time [s]: the last run whose first frame is not later, or the first run before that.

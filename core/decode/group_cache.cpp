@@ -19,7 +19,7 @@ constexpr u64 bytes_per_coefficient = 40;
 // next.
 constexpr int groups_a_thread = 16;
 
-// Return the bytes of a group that are known before decoding: chunks, functions of time, starts of frames. These are
+// Return the memory of a group that is known before decoding: chunks, functions of time, starts of frames. It is
 // bounded: 4,096 frames, 3 functions per frame, 3 axes.
 u64 known_bytes(const Group &group) {
     return group.bytes() + bytes_per_time_value * static_cast<u64>(group.frames * group.functions) +
@@ -40,8 +40,8 @@ u64 GroupCache::expected_bytes(std::size_t index) const {
     return known_bytes(own) + bytes_per_coefficient * static_cast<u64>(run_.vertices() * (own.channels() + 1));
 }
 
-// Decode a group; it is the k-th of those that are decoded ahead. taken: from `begin_group`. Several threads call this
-// at once.
+// Decode a group, the k-th of those that are decoded ahead. taken: from `begin_group`. Several threads call this at
+// once.
 DecodedGroup GroupCache::decode(std::size_t index, TakenMemory taken, std::size_t k, const SpaceBasis &space,
                                 GroupsAhead &ahead, int threads) const {
     const Group &group = run_.table().groups()[index];
@@ -82,7 +82,7 @@ const DecodedGroup &GroupCache::group(std::size_t index) {
             const SpaceBasis &space = run_.space(ahead.get());
             return keep(index, decode(index, std::move(taken), 0, space, *ahead, run_.threads()));
         } catch (const LimitError &) {
-            // Without kept parts there may be room: try again.
+            // Evicting all other parts may have made room: try again.
             if (cache_.is_empty()) throw;
             room = std::numeric_limits<u64>::max();
         }

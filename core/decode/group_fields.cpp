@@ -37,7 +37,7 @@ bool Evaluator::is_outside(Quantity quantity, double time) const {
     return run_.frames() == 1 || time < run_.times().front() || time > run_.times().back();
 }
 
-// Return the frame whose time it is, if positions are requested and there is such a frame.
+// Return the frame at this time, if positions are requested and there is such a frame.
 std::optional<i64> Evaluator::frame_of_positions(Quantity quantity, double time) const {
     const double inside = clamp(time, run_.times().front(), run_.times().back());
     const i64 frame = run_.frame_at(inside);

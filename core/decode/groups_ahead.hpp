@@ -26,15 +26,15 @@ public:
     // Begin to read and decode these groups; `container` and `table` must outlive this object.
     GroupsAhead(const Container &container, const GroupTable &table, std::span<const std::size_t> groups);
 
-    // Return the chunks of the k-th group; null if nothing is decoded ahead, or reading failed: then the caller reads
-    // them itself, which raises the error with its place.
+    // Return the chunks of the k-th group. Null if nothing is decoded ahead, or reading failed: the caller then reads
+    // them itself, and so raises the error with its position.
     const Chunks *chunks(std::size_t k);
     std::optional<std::vector<double>> values(std::size_t k);
 
     // Return the number of threads that are at work.
     int busy() const { return busy_; }
 
-    // Run a task in the same thread after the current group. The objects that it uses must outlive this one.
+    // Run a task in the same thread after the current group. The objects that it uses must outlive this object.
     void insert(std::function<void()> task);
 
     // Return the coefficients of the first group, which the caller, a task, must decode; null if its chunks cannot be

@@ -14,8 +14,8 @@ namespace {
 // rounds differently.
 enum TimeRule : u8 { stepped, counted, listed, by_period };
 
-// Flags next to the rule: the rate is the frame rate, which is then stored once; the frame rate is a whole number,
-// stored as a count; the start is such a number; discontinuities follow.
+// Flags in addition to the rule: the rate is the frame rate, which is then stored once; the frame rate is a whole
+// number, stored as a count; the start is such a number; discontinuities follow.
 constexpr u8 at_frame_rate = 4, whole_frame_rate = 8, whole_start = 16, has_jumps = 32;
 
 constexpr double largest_time = 0x1p53, shortest_step = 0x1p-53;  // [s]
@@ -125,8 +125,10 @@ std::vector<std::string> SequenceDescription::names(i64 objects, const TakeMemor
 
 namespace {
 
-constexpr i64 most_points[] = {256, 65535};  // in an element, by the kind of basis
-constexpr int most_functions = 128;          // limited because building them takes time that grows with the square
+// Largest numbers of vertices (by the kind of basis) and of functions of an element. Building the functions takes time
+// that grows with the square of their number.
+constexpr i64 most_points[] = {256, 65535};
+constexpr int most_functions = 128;
 constexpr int thresholds = 8;
 
 }  // namespace

@@ -26,8 +26,8 @@ constexpr u64 bytes_per_group = 1536, bytes_per_object = 4096;
 // Peak memory per byte of a name: the spare room of a string, and Python's four bytes per character.
 constexpr u64 bytes_per_name_byte = 6;
 
-// Return the faces of all objects, then their lines as pieces of two corners, with the vertices of all objects numbered
-// in one row.
+// Return the faces of all objects, then their lines as pieces of two corners. The vertices of all objects are numbered
+// consecutively.
 Polygons polygons_of(std::span<const Connectivity> parts) {
     Polygons mesh;
     std::size_t corners = 0, polygons = 0;  // upper bounds
@@ -240,7 +240,7 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of(std::shared_ptr<const 
     return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
 }
 
-// Take the memory of elements, and of building their functions in each thread.
+// Take the memory for elements, and for building their functions in each thread.
 TakenMemory RunSections::take_elements(const Patches &patches) {
     i64 largest = 0;
     for (i64 e = 0; e < patches.count(); ++e) largest = most(largest, patches.size(e));
@@ -248,7 +248,7 @@ TakenMemory RunSections::take_elements(const Patches &patches) {
     return TakenMemory(memory_, bytes_per_element * static_cast<u64>(patches.count()) + making, "patches of vertices");
 }
 
-// Patches under the assumption that no vertices coincide. They are made while the reference frame is decoded, and then
+// Patches for a mesh without coincident vertices. They are made while the reference frame is decoded, and then
 // coefficients are decoded for them.
 struct RunSections::EarlyPatches {
     std::shared_ptr<Patches> patches;  // null if a vertex has no neighbour
@@ -256,10 +256,10 @@ struct RunSections::EarlyPatches {
     std::shared_ptr<const SpaceLayout> layout;
     std::exception_ptr failure;
     std::latch made{1};
-    std::jthread thread;  // used if nothing else is decoded ahead
+    std::jthread thread;  // used if no groups are decoded ahead
 };
 
-// Begin to make early patches; null if vertices are welded, so that they would be wrong, or there is no thread for it.
+// Begin to make early patches; null if they would be wrong because vertices are welded, or if no thread is free.
 std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
     if (threads_ < 2 || reference_ || reference_kind() & welds_points) return nullptr;
     auto early = std::make_shared<EarlyPatches>();
@@ -275,7 +275,7 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
                 coefficients = ahead->make_coefficients(own->layout, own->taken.another());
             }
         } catch (const CorruptError &) {
-            // Not an error: early patches may differ from the real ones, and are then not used.
+            // This is no error: early patches may differ from the real ones, and are then not used.
         } catch (...) {
             own->failure = std::current_exception();
         }
@@ -290,8 +290,8 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
     return early;
 }
 
-// Return the layout of the space basis of patches. Unless vertices coincide, patches follow from connectivity alone:
-// then they are made, and coefficients decoded, while the reference frame is decoded.
+// Return the layout of the space basis of patches. Unless vertices coincide, patches follow from connectivity alone.
+// They are then made, and coefficients decoded, while the reference frame is decoded.
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *ahead) {
     const std::vector<ConnectivityView> parts = views_of(predicted_on());
     const std::shared_ptr<EarlyPatches> early = begin_early_patches(ahead);

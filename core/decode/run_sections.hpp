@@ -1,4 +1,4 @@
-// The sections of one run of frames, usually all of a file's: each is decoded on first use, and kept.
+// The sections of one run of frames, usually all sections of a file: each is decoded on first use, and kept.
 #pragma once
 
 #include <atomic>
@@ -71,7 +71,7 @@ struct Reference {
 // threads, which take turns.
 class RunSections {
 public:
-    // Read the headers of a run. CorruptError if it is damaged, LimitError if it asks for more memory than the file has
+    // Read the headers of a run. CorruptError if it is damaged, LimitError if it needs more memory than the file has
     // left. threads: number of threads that decode in parallel. `turns` must outlive this object.
     RunSections(std::shared_ptr<const File> file, std::size_t run, int threads, Turns &turns);
 
@@ -86,7 +86,7 @@ public:
     i64 first_vertex(i64 object) const { return first_vertices_[object]; }
     int threads() const { return threads_; }
 
-    // Return the limit on memory for everything that is decoded.
+    // Return the limit on memory for all decoded data of the run.
     MemoryLimit &memory() { return memory_; }
 
     // Return the last frame that is not later than a time inside the clip.
@@ -104,13 +104,13 @@ public:
     const std::vector<std::string> &names();
     const std::vector<Connectivity> &connectivity() { return *shared_connectivity(); }
     std::vector<ConnectivityView> views();  // the connectivity of each object
-    // The same, with the sides that solids share after the faces: what positions are predicted on.
+    // The connectivity that positions are predicted on: as decoded, with the sides that solids share after the faces.
     const std::vector<Connectivity> &predicted_on();
     const Reference &reference();
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
-    const std::vector<u8> &remarks();  // Return the bytes of section META, not interpreted.
+    const std::vector<u8> &remarks();  // Return the bytes of section META as they are in the file.
 
-    // Return the space basis. `ahead` starts on coefficients as soon as the layout is known.
+    // Return the space basis. `ahead` starts decoding coefficients as soon as the layout is known.
     const SpaceBasis &space(GroupsAhead *ahead = nullptr);
 
     // Begin to decode groups while the space basis is built; null if it exists already or there is no thread for it.

@@ -110,7 +110,7 @@ const FieldRows &StoredFields::rows_with_neighbours(const FieldHeader &header) {
     return std::get<FieldRows>(cache_.keep(key, std::move(found), bytes, std::move(taken)));
 }
 
-// Return the first row and the number of rows of an object in a field; without an object, of all objects.
+// Return the first row and the number of rows of one object in a field; without an object, of all objects.
 std::pair<i64, i64> StoredFields::rows_of(std::size_t field, std::optional<i64> object) {
     const FieldHeader &header = headers()[field];
     if (!object && row_counts_[field]) return {0, *row_counts_[field]};
@@ -141,7 +141,7 @@ std::vector<u8> StoredFields::chunk(const FieldGroup &group) {
     return data;
 }
 
-// Return the values of a decoded group; valid until another one is requested.
+// Return the values of a decoded group; valid until another group is requested.
 const std::vector<u8> &StoredFields::group(std::size_t field, std::size_t index) {
     const DecodedCache::Key key{DecodedCache::field_group, field, index};
     if (const DecodedCache::Part *known = cache_.find(key)) return std::get<std::vector<u8>>(*known);
@@ -203,7 +203,7 @@ void StoredFields::compute(const FieldHeader &header, const FieldGroup &group, i
     }
 }
 
-// Return a frame of a group that has no chunk; valid until another one is requested.
+// Return a frame of a group that has no chunk; valid until another frame is requested.
 std::span<const u8> StoredFields::computed_frame(std::size_t field, const FieldGroup &group, i64 wanted) {
     const DecodedCache::Key key{DecodedCache::field_frame, field, static_cast<std::size_t>(wanted)};
     if (const DecodedCache::Part *known = cache_.find(key)) return std::get<std::vector<u8>>(*known);
@@ -234,7 +234,7 @@ std::span<const u8> StoredFields::frame(std::size_t field, i64 wanted) {
     try {
         return decoded_frame(field, wanted);
     } catch (const LimitError &) {
-        // The motion takes memory that the cache could not count beforehand: empty the cache and try again.
+        // The motion needs memory that the cache could not count beforehand: empty the cache and try again.
         if (cache_.is_empty()) throw;
     }
     cache_.clear();
@@ -260,7 +260,7 @@ void StoredFields::read(std::size_t field, i64 first, i64 frames, std::span<u8> 
     }
 }
 
-// Write values between frames, of which the first `skip` numbers of a frame are left out.
+// Write values between frames; the first `skip` numbers of each frame are left out.
 template <class Real>
 void StoredFields::mix(std::size_t field, double time, int derivative, i64 skip, std::span<Real> out) {
     if (!spline_) spline_.emplace(run_.times(), run_.jumps());

@@ -1,7 +1,7 @@
 // Fields: values on vertices, faces, corners, objects or cells that change in time (25 of the specification).
 //
-// FLDS has a header for each field, FDAT the chunks of its groups of frames. A chunk is whole numbers, which become
-// values by the coding of the group.
+// FLDS has a header for each field, FDAT the chunks of its groups of frames. A chunk consists of whole numbers; the
+// group's coding turns them into values.
 #pragma once
 
 #include <optional>
@@ -21,7 +21,7 @@ public:
     StoredFields(RunSections &run, DecodedCache &cache, Evaluator &evaluator, Turns &turns)
         : run_(run), cache_(cache), evaluator_(evaluator), turns_(turns) {}
 
-    // Return the headers of all fields. CorruptError if they are damaged, LimitError if they ask for too much memory.
+    // Return the headers of all fields. CorruptError if they are damaged, LimitError if they need too much memory.
     const std::vector<FieldHeader> &headers();
 
     // Return the number of rows of a field, in all objects or in one.

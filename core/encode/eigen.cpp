@@ -26,7 +26,7 @@ public:
 
     std::vector<double> diagonal, beside;  // `beside` are the entries next to the diagonal, with a zero at the end
 
-    // Replace eigenvectors of the tridiagonal matrix by those of the original one: one per row, rows a stride apart.
+    // Replace eigenvectors of the tridiagonal matrix by those of the original matrix: one per row, rows a stride apart.
     void turn_back(double *rows, i64 stride, i64 count, int threads) const;
 
 private:
@@ -41,8 +41,8 @@ private:
 // f/2 (p v) v. The next reflection follows from the next row alone. So that row is changed first, and one pass over the
 // other rows then subtracts the change and multiplies by the next v.
 //
-// Each row is stored up to the end of the block of eight that holds its diagonal entry. Entries before that block stand
-// for their mirror images too.
+// Each row is stored up to the end of the block of eight that holds its diagonal entry. Entries before that block also
+// stand for their mirror images.
 
 // A change to subtract from the matrix: v w^T + w v^T.
 struct Change {
@@ -128,7 +128,7 @@ void Tridiagonal::turn_back(double *rows, i64 stride, i64 count, int threads) co
     constexpr i64 most = reflections_at_once;
     std::vector<double> across(size_ * most), triangle(most * most);
     for (i64 begin = 1; begin < size_; begin += most) {
-        const i64 some = least(most, size_ - begin), length = begin + some - 1;  // length: of the longest v among them
+        const i64 some = least(most, size_ - begin), length = begin + some - 1;  // length of the longest v among them
         const double *v = vectors_.data() + begin * stride_;
         for (i64 k = 0; k < length; ++k) {
             for (i64 j = 0; j < some; ++j) across[k * some + j] = v[j * stride_ + k];
@@ -250,7 +250,7 @@ private:
 
     double *row(i64 j) { return vectors_ + j * stride_; }
 
-    // Choose the eigenvectors that joining changes, by increasing eigenvalue.
+    // Choose the eigenvectors that joining changes, in order of increasing eigenvalue.
     void choose() {
         std::vector<i64> order(size_);
         std::iota(order.begin(), order.end(), i64{0});
@@ -364,7 +364,7 @@ std::vector<double> tridiagonal_eigen(std::vector<double> &diagonal, std::vector
     });
     for (i64 joined = 2; joined <= parts; joined *= 2) {
         const i64 pairs = parts / joined;
-        const bool is_many = pairs >= 2 * several;  // then each pair of halves is joined by one thread
+        const bool is_many = pairs >= 2 * several;  // whether each pair of halves is joined by a single thread
         in_shares(pairs, is_many ? several : 1, [&](i64 pair, i64 end) {
             for (; pair < end; ++pair) {
                 const i64 middle = pair * joined + joined / 2;

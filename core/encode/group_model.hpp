@@ -1,5 +1,5 @@
-// Compares a group of frames as its model gives it with the input: residuals, excess beyond the bound, errors.
-// Positions are evaluated a few frames at a time and never stored.
+// Compares the model of a group of frames with the input: residuals, excess beyond the bound, errors. Positions are
+// evaluated a few frames at a time and never stored.
 #pragma once
 
 #include <span>
@@ -24,7 +24,7 @@ struct Wanted {
     double bound, step;                // largest distance allowed; step of residuals [scene units]
 };
 
-// Vertices that are off by too much, and by which part of their error they shall move.
+// Vertices that are off by too much, and the part of their error by which they shall move.
 struct Excess {
     std::vector<i32> frames, vertices;
     std::vector<Position> excess;
@@ -36,7 +36,7 @@ struct Excess {
     void add_to(std::span<Real> values, std::span<const double> functions, i64 count, int axes, double push) const;
 };
 
-// Vertices that are off by more than `most` bounds shall be off by `most` bounds, but move by at most `farthest`
+// Vertices that are off by more than `most` bounds shall end up `most` bounds off, but move by at most `farthest`
 // bounds.
 struct Aim {
     double most, farthest;
@@ -46,8 +46,8 @@ struct Errors {
     double largest_square = 0.0, sum_of_squares = 0.0;
 };
 
-// Return the residuals of a group. margins: of each frame, see `quantise_residuals`. If they are not null, `excess` is
-// appended to, and the errors that a decoder's float32 positions have with these residuals are added to `errors`.
+// Return the residuals of a group. margins: for each frame, see `quantise_residuals`. If they are not null, `excess` is
+// appended to, and the errors of a decoder's float32 positions with these residuals are added to `errors`.
 template <class Real> Residuals missing(const GroupModel<Real> &model, const Wanted &wanted,
                                         std::span<const double> margins, const Aim &aim, Excess *excess, Errors *errors,
                                         int threads);

@@ -38,8 +38,9 @@ template <class Real> Quantised quantise_sparsely(std::span<const Real> values, 
 // residual would not keep the bound.
 //
 // points, base: (frames, vertices), the input, and the model's positions before they are rounded to float32. order: the
-// vertex at each position of the element order. margins: per frame, how far another decoder's coordinates may be from
-// `base` before it rounds them. bound: largest Euclidean distance. step: see pdecodec/codec/sections/residuals.py.
+// vertex at each position of the element order. margins: for each frame, the largest difference between another
+// decoder's coordinates and `base`, before rounding. bound: largest Euclidean distance. step: see
+// pdecodec/codec/sections/residuals.py.
 Residuals quantise_residuals(std::span<const Position> points, std::span<const std::array<double, 3>> base,
                              std::span<const i32> order, std::span<const double> margins, double bound, double step);
 

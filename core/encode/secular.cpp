@@ -189,7 +189,7 @@ Secular::Secular(std::vector<double> d, std::vector<double> z, double weight, in
             find_eight(equation, block * abreast, origins_.data() + block * abreast, offsets_.data() + block * abreast);
         }
     });
-    // z_j^2 = product of (eigenvalue_i - d_j) over that of (d_i - d_j), pairing factors of about the same size.
+    // z_j^2 = product of (eigenvalue_i - d_j) divided by the product of (d_i - d_j), pairing factors of similar size.
     for (i64 i = 0; i + 1 < count_; ++i) {
         const double origin = d_[origins_[i]], offset = offsets_[i];
         multiply_ratios(exact_z_.data(), d_.data(), 0, i + 1, origin, offset, d_[i + 1]);

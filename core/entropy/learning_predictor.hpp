@@ -22,7 +22,7 @@ public:
         return clamp(total >> fraction_bits, -largest_prediction, largest_prediction);
     }
 
-    // Move the weights so that the prediction would have missed by less.
+    // Move the weights in the direction that makes the miss smaller.
     void learn(Changes changes, i64 miss) {
         i64 largest = size_of(miss);
         for (const i64 change : changes) largest = most(largest, size_of(change));
@@ -42,7 +42,7 @@ private:
     static constexpr i64 largest_weight = 4 << fraction_bits;  // with changes up to 2^40 the sum has at most 63 bits
     static constexpr int input_digits = 12;  // changes are shifted to this many digits, so that squares stay small
     static constexpr i64 power_floor = 16;   // added to the sum of squares, so that nothing is learned from noise
-    // A weight step corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) if the same changes come again. With 9 the bytes
+    // A weight step corrects 1/16 of a miss (2^-4 = 2^(20 - 8 - 16)) if the same changes occur again. With 9 the bytes
     // of fields grow by 0.5 %.
     static constexpr int learning_shift = 8;
 

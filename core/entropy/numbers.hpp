@@ -98,8 +98,8 @@ class MatchModel {
 public:
     static constexpr int phases = 8;  // largest number of kinds of numbers in one sequence; the kind is a context
 
-    // Code whether a match predicts the next number, and return the number if so. The caller must call `add` afterwards
-    // in either case.
+    // Code whether a match predicts the next number, and return the number if it does. The caller must call `add`
+    // afterwards in either case.
     template <Mode mode> std::optional<i64> code(RangeCoder<mode> &coder, int phase, i64 number) {
         look_up(phase);
         const i64 place = long_place_, short_place = short_place_;
@@ -152,9 +152,9 @@ public:
 
 private:
     static constexpr int long_context = 6, short_context = 3;
-    static constexpr int table_bits = 13;      // tables of 2^13 positions stay in the processor's cache
-    static constexpr i64 past_size = 1 << 14;  // how many numbers are kept: two rows of a grid of a thousand columns
-    static constexpr u32 hash_factor = 0x9E3779B1u;        // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
+    static constexpr int table_bits = 13;            // tables of 2^13 positions stay in the processor's cache
+    static constexpr i64 past_size = 1 << 14;        // numbers that are kept: two rows of a grid of a thousand columns
+    static constexpr u32 hash_factor = 0x9E3779B1u;  // 2^32 over the golden ratio (Knuth, volume 3, section 6.4)
     static constexpr int longest_run = 63, farthest = 63;  // longer runs and larger distances share a context
 
     i64 number_at(i64 place) const { return past_[place & (past_size - 1)]; }

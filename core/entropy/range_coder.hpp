@@ -94,8 +94,8 @@ private:
     u32 state_ = 1u << (probability_bits - 1 + count_bits);
 };
 
-// Weights of the predictions of a mixed bit, in 1/65536. They start equal, with a sum above one: predictions that agree
-// are surer together than each alone.
+// Weights of the predictions of a mixed bit, in 1/65536. They start equal, with a sum above one, because predictions
+// that agree are more certain together than each alone.
 template <std::size_t inputs> struct Weights : std::array<i32, inputs> {
     constexpr Weights() { this->fill(static_cast<i32>(6 * 65536 / (5 * inputs))); }
 };
@@ -118,7 +118,7 @@ public:
     }
 
     // Code a bit whose probability of being 1 is `probability` / 65536. The probability is at least the smallest one,
-    // and as far from 1.
+    // and at most 1 minus the smallest one.
     bool with(i32 probability, bool bit) {
         if constexpr (mode == Mode::measure) {
             cost_ += tables::costs[(bit ? probability : 65536 - probability) >> 4];
@@ -149,7 +149,7 @@ public:
         if constexpr (mode != Mode::decode) {
             return with(even, bit);
         } else {
-            // Computed without a branch, because no processor could predict it.
+            // Computed without a branch, because no processor could predict the bit.
             const u64 split = (range_ >> 16) * even;
             const u64 where_zero = code_ < split ? 0 : ~u64{0};
             code_ -= split & where_zero;
@@ -191,7 +191,7 @@ public:
             }
             return found;
         };
-        // A branch, because processors predict it and go on before they have the bit.
+        // A branch, because processors predict the bit and continue before they have it.
         return with(probability, bit) ? learn(true) : learn(false);
     }
 
@@ -215,21 +215,20 @@ public:
     // Return whether a decoder has reached the end of its bytes and needed all of them.
     //
     // An encoder writes four bytes each time the interval is widened. `finish` then writes only as many bytes, up to
-    // eight, as it takes to be in the interval. So an encoder writes no other bytes than those for which this returns
-    // true.
+    // eight, as it takes to be in the interval. This function returns true for no other bytes.
     bool is_finished() const
         requires(mode == Mode::decode)
     {
         const std::size_t size = data_.size();
         if (position_ < size || position_ - size >= first_bytes) return position_ == size + first_bytes;
-        // The final number must be the first one in the interval with that many trailing zeros, and none in the
+        // The final number must be the first one in the interval with that many trailing zeros, and no number in the
         // interval has more.
         const int zeros = 8 * static_cast<int>(position_ - size);
         const u64 last = static_cast<u64>(data_[size - 1]) << zeros;
         return code_ >> zeros == 0 && ((code_ - last) & ~u64{0} >> (56 - zeros)) >= range_;
     }
 
-    // Return the position up to which the decoder has used the bytes: that of damage, if it finds any.
+    // Return the position up to which the decoder has used the bytes; if it finds damage, this is where.
     std::size_t byte() const
         requires(mode == Mode::decode)
     {
@@ -277,7 +276,7 @@ public:
     }
 
 private:
-    // A narrow interval is widened by whole words: so rarely that processors predict the branch.
+    // A narrow interval is widened by whole words, so rarely that processors predict the branch.
     static constexpr int word_bytes = 4, word_bits = 8 * word_bytes;
 
     void widen() {

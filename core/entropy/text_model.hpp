@@ -1,7 +1,7 @@
 // Models of texts and other bytes.
 //
-// Each bit of a byte is predicted from the last byte, the last two, the last three, and from what followed the same
-// four bytes before. A model of texts is first trained on a few words that most files contain.
+// Each bit of a byte is predicted from the last byte, the last two, the last three, and from the byte that followed the
+// same four bytes before. A model of texts is first trained on a few words that most files contain.
 #pragma once
 
 #include <functional>

@@ -7,10 +7,10 @@
 #include "base/lanes.hpp"
 #include "linalg/vectors.hpp"
 
-// A block of the right matrix is stored as panels, each as wide as the registers of a tile, which stay in the
-// second-level cache. A few rows of the left matrix are kept in the first-level cache and multiplied with all panels.
-// The sums of a tile stay in registers. After a block they go to `out`, where the next block continues: nothing is
-// rounded in between.
+// A block of the right matrix is stored as panels. Each panel is as wide as the registers of a tile, and the panels
+// stay in the second-level cache. A few rows of the left matrix are kept in the first-level cache and multiplied with
+// all panels. The sums of a tile stay in registers. After a block they go to `out`, where the next block continues:
+// nothing is rounded in between.
 
 namespace pdeanim {
 
@@ -182,7 +182,7 @@ double sum_of_products(const double *a, const double *b, i64 count) {
 
 namespace {
 
-// Number of rows whose sums are computed together: the sums do not wait for each other, and share what is loaded.
+// Number of rows whose sums are computed together. Their sums do not wait for each other, and share loaded numbers.
 constexpr int rows_at_once = 4;
 
 // Number of columns whose sums stay in registers: there are 32 of the widest registers, and 16 of others.

@@ -35,8 +35,7 @@ template <int bytes> PDEANIM_INLINE void add_multiple(double *total, double mult
     for (i64 i = 0; i < count; i += abreast) (Eight::at(total + i) + multiple * Eight::at(row + i)).put(total + i);
 }
 
-// Smaller lengths count as zero, for numbers of at most about one: the squares of larger lengths are still normal
-// numbers.
+// Smaller lengths count as zero, for numbers of at most about one; the squares of larger lengths are normal numbers.
 constexpr double no_length = 1e-140;
 
 // Return the power of two that scales the largest of some numbers to about one, so that no square overflows or
@@ -51,7 +50,7 @@ inline double scale_of(const double *numbers, i64 count) {
 
 // A Householder reflection, I - factor v v^T.
 struct Reflection {
-    double factor, image;  // factor of v v^T; the one number of the image of the reflected row that is not zero
+    double factor, image;  // factor of v v^T; the only number of the reflected row that is not zero
 };
 
 // Return the reflection that maps a row, padded to a multiple of eight, to a multiple of the unit vector at `place`;

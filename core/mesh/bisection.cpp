@@ -12,8 +12,8 @@ namespace {
 
 // Return edges that chain the vertices at each grid point: from each vertex to the next one at the same point.
 std::vector<Edge> coincident_vertices(std::span<const GridPoint> grid) {
-    // Vertices at one grid point share a bucket with few others. If many points collide, the bucket is sorted: no mesh
-    // makes this slow.
+    // Vertices at one grid point share a bucket with few others. If many points collide, the bucket is sorted, so that
+    // no mesh makes this slow.
     constexpr u64 factor = 0x9E3779B97F4A7C15;  // 2^64 over the golden ratio (Knuth, volume 3, section 6.4)
     const int shift = 64 - bit_length(static_cast<i64>(grid.size()));
     std::vector<i32> buckets(grid.size()), starts((std::size_t{1} << (64 - shift)) + 1), order(grid.size());
@@ -128,7 +128,7 @@ private:
     }
 
     // Reorder the vertices of a set, and return the size of its first half. `farthest` is the vertex farthest from the
-    // set's first vertex, or -1 if not known; it becomes the same for the first half.
+    // set's first vertex, or -1 if not known; on return, it is that of the first half.
     i64 cut(i64 begin, i64 size, i32 &farthest) {
         const std::span<i32> members(members_.data(), static_cast<std::size_t>(size));
         const auto own = order_.begin() + begin;
@@ -169,7 +169,7 @@ private:
     const Graph &graph_;
     std::vector<i32> order_;
     std::vector<i32> near_, far_;  // distances from a and from b [edges]
-    std::vector<i32> visited_;     // in the order of the visit; entries beyond the end may be overwritten
+    std::vector<i32> visited_;     // vertices in the order of the visit; entries beyond the end may be overwritten
     std::vector<i32> members_;
     std::vector<i64> components_;  // for each component, the position of its first vertex in the visit
     std::vector<i64> places_;

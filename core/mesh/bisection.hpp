@@ -12,7 +12,7 @@
 
 namespace pdeanim {
 
-// A vertex that coincides with another one in every frame, and the first vertex of all that coincide there.
+// A vertex that coincides with another one in every frame, and the first of all vertices that coincide there.
 struct Tie {
     i32 vertex, first;
 };
@@ -30,7 +30,7 @@ struct Patches {
     // Compute `ascending` from the other members.
     void sort_vertices();
 
-    // Copy rows of the vertices in `order` to those that are tied to them.
+    // Copy rows of the vertices in `order` to the vertices that are tied to them.
     template <class Row> void copy_to_tied(std::span<Row> rows) const {
         for (const Tie &tie : tied) rows[tie.vertex] = rows[tie.first];
     }
@@ -41,7 +41,7 @@ struct Patches {
     std::vector<i64> begins;    // where each node of the partition tree starts in `order`
     std::vector<i64> children;  // for each node, its first half, which the second half follows; -1 for a patch
     std::vector<i64> node_of;   // the node of the tree that is each patch
-    // The vertices of each patch in ascending order, the order in which they are written to memory, and the place of
+    // The vertices of each patch in ascending order, the order in which they are written to memory, and the index of
     // each of them in the patch: ascending[starts[p] + k] is order[starts[p] + ascending_places[starts[p] + k]].
     std::vector<i32> ascending, ascending_places;
 };

@@ -87,7 +87,7 @@ Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner) {
         return found;
     }
     found.before = corners.vertex(before);
-    // Inside a surface, this vertex is already the vertex after of another corner: that of the neighbouring polygon.
+    // Inside a surface, this vertex counts at another corner, that of the neighbouring polygon, as its vertex after.
     found.before_counts = opposite[before] < 0 || corners.vertex(opposite[before]) == corners.vertex(before);
     if (size[corner] == 3) {
         found.is_triangle = true;

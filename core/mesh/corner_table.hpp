@@ -12,7 +12,8 @@
 
 namespace pdeanim {
 
-// Faces and lines of one object, and the cells that they show, if solids are kept (`sections/connectivity/solids.hpp`).
+// Faces and lines of one object; and, if solids are kept, the cells whose visible sides they are
+// (`sections/connectivity/solids.hpp`).
 struct Connectivity {
     i64 vertices = 0;
     std::vector<i32> face_sizes, face_indices, line_sizes, line_indices;
@@ -20,7 +21,7 @@ struct Connectivity {
     std::vector<i32> cell_sizes, cell_indices;
 };
 
-// The same, as views of the caller's arrays.
+// Connectivity as views of the caller's arrays.
 struct ConnectivityView {
     i64 vertices = 0;
     std::span<const i32> face_sizes, face_indices, line_sizes, line_indices;
@@ -40,7 +41,7 @@ constexpr int domain_count = 5;
 // Return the number of elements of an object.
 i64 element_count(Domain domain, const ConnectivityView &object);
 
-// Faces of all objects, then lines as pieces of two corners. The vertices of all objects are numbered in one row.
+// Faces of all objects, then lines as pieces of two corners. The vertices of all objects are numbered consecutively.
 struct Polygons {
     std::vector<i64> starts = {0};  // polygon p has the corners starts[p] to starts[p + 1] - 1
     std::vector<i32> vertex;        // vertex of each corner
@@ -79,9 +80,9 @@ struct Neighbourhood {
 
 Neighbourhood neighbourhood_at(const CornerTable &corners, i32 corner);
 
-// Return an order of the vertices in which as many faces as possible are complete but for the next vertex. The next
-// vertex is the one of highest rank; of several, the first to reach that rank. If no vertex has a rank, it is the next
-// vertex of any polygon. Vertices without polygons come last.
+// Return an order of the vertices that completes faces early: each next vertex is the missing one of as many faces as
+// possible. It is the vertex of highest rank; of several, the first to reach that rank. If no vertex has a rank, it is
+// the next vertex of any polygon. Vertices without polygons come last.
 std::vector<i32> prediction_order(const CornerTable &corners);
 
 }  // namespace pdeanim

@@ -104,8 +104,8 @@ i32 EdgeLoops::turn(i32 corner, i32 vertex) const {
     return corner;
 }
 
-// Return the edge straight on beyond a vertex: the one with two faces between on either side, or along the border; -1
-// if there is none.
+// Return the edge straight on beyond a vertex: there are two faces between the edges on either side, or both are on the
+// border; -1 if there is none.
 i32 EdgeLoops::straight_on(i32 corner, i32 vertex) const {
     i32 here = turn(corner, vertex);
     if (twin_[here] < 0) return -1;

@@ -60,7 +60,8 @@ std::vector<Edge> edges_of(std::span<const ConnectivityView> objects) {
 namespace {
 
 constexpr i64 look_back = 16;  // number of vertices at the end of a path whose neighbours may begin the next path
-// Number of neighbours that are compared. A vertex with more neighbours counts as the least straight continuation.
+// Number of neighbours that are compared. A vertex with more neighbours is taken only if no other vertex continues the
+// path.
 constexpr i64 few_neighbours = 16;
 
 class PathCover {
@@ -83,10 +84,10 @@ public:
 private:
     struct Vertex {
         i32 free = 0;    // number of neighbours that are in no curve
-        i32 beside = 0;  // number of neighbours on the path with the number `path`
+        i32 beside = 0;  // number of its neighbours on the path with the number `path`
         i64 path = -1;
         i64 near_end = -1;     // the latest step at which it was a neighbour of the path's other end
-        i64 near_before = -1;  // the same for the vertex before the path's last
+        i64 near_before = -1;  // the latest step at which it was a neighbour of the path's last vertex but one
     };
 
     // The next vertex of a path, or -1; and whether it closes the path.

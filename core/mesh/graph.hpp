@@ -28,8 +28,8 @@ struct Graph {
     std::vector<i32> listed;
 };
 
-// Return the edges of all objects, with vertices numbered in one row: those of faces, corner by corner, then those of
-// lines.
+// Return the edges of all objects, whose vertices are numbered consecutively: edges of faces, corner by corner, then
+// edges of lines.
 std::vector<Edge> edges_of(std::span<const ConnectivityView> objects);
 
 // The vertex-disjoint curves found so far, and which vertices are in them. Curves are pieces of given paths, and

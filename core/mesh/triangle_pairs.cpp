@@ -13,7 +13,7 @@ constexpr i32 flat_inside = 6, flat_border = 3;   // triangles at a vertex if al
 // Value of `lacking` for a vertex without a rule; no number of triangles equals it.
 constexpr i32 no_rule = -(1 << 24);
 constexpr std::size_t trial_pairs = 64;  // number of pairs that are tried to judge a possibility
-constexpr i64 clearer = 2;  // how many times less skew pairs must be to be preferred to copies of their neighbours
+constexpr i64 clearer = 2;  // ratio of skew from which other pairs are preferred to copies of their neighbours
 // Fraction (7 / 8) of a component's vertices that must belong to a grid; otherwise its triangles stay triangles.
 constexpr i64 least_regular = 7, of_all = 8;
 

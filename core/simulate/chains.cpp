@@ -32,7 +32,7 @@ template <class Slot> struct Looked {
     Slot mass;
 };
 
-// The chains of a slot, or the part of them in one half: a number of links, and one point more.
+// The chains of a slot, or their part in one half: a number of links, and one point more than links.
 struct ChainSlot {
     const i32 *points;
     const double *lengths;
@@ -235,8 +235,8 @@ void solve_chains(const Places &places, const DistanceSlots &slots, std::size_t 
     });
 }
 
-// Chains that lie in both halves; `last` is the link across the middle, which belongs to the first half. Data that are
-// written are separated by half: processors prefetch neighbouring memory, and would take it away from each other.
+// Chains that lie in both halves; `last` is the link across the middle, which belongs to the first half. Data that the
+// two threads write are kept apart, because processors prefetch neighbouring memory and would take it from each other.
 struct Divided {
     struct Half {
         std::size_t links;

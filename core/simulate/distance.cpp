@@ -60,7 +60,7 @@ void solve_all(const Places &places, const PairSlots &slots, std::size_t count, 
 
 class Distances : public SlottedBatch {
 public:
-    // inverse_masses: of both particles of each pair.
+    // inverse_masses: inverse masses of both particles of each pair.
     Distances(std::span<const i32> pairs, const Halves &halves, std::span<const double> lengths,
               std::span<double> multipliers, std::span<const double> inverse_masses, const Scaling &scaling)
         : SlottedBatch(pairs, 2, halves, multipliers, 1, scaling), lengths_(slotted(lengths, 1, 0.0)),

@@ -10,7 +10,7 @@ namespace pdeanim::xpbd {
 
 namespace {
 
-// Fills slots of constraints: each constraint gets the first free place that is not too early.
+// Fills slots of constraints: each constraint gets the first free place from its earliest slot on.
 class Timetable {
 public:
     // Return the first place in slot `earliest` or later that is still free.
@@ -71,7 +71,7 @@ Slots make_slots(std::span<const i32> members, std::size_t each, const Halves &h
     for (std::size_t i = 0; i < members.size() / each; ++i) {
         groups[group_of(members.subspan(i * each, each), halves)].push_back(i);
     }
-    // Constraints across the middle are few and close together: in their given order, hardly two could be solved side
+    // Constraints across the middle are few and close together: in the given order, hardly any two could be solved side
     // by side.
     groups[between] = in_rounds(std::move(groups[between]), members, each, halves);
     Slots slots;

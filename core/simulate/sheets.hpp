@@ -1,8 +1,8 @@
 // Batches of constraints of sheets and ropes, swept with several constraints side by side.
 //
 // The result equals that of one constraint after another in the given order, to the last bit (see `Slots`). Only a
-// sheet in two halves has another order: each batch takes the constraints within the halves first, and then those
-// across the middle. So two threads can take one half each, whose particles stay in their caches, and meet only at the
+// sheet in two halves has another order: each batch solves the constraints within the halves first, then those across
+// the middle. So two threads can solve one half each, whose particles stay in their caches, and meet only at the
 // constraints across the middle. The order depends on the halves, not on the threads: a single thread gives the same
 // bits.
 #pragma once
@@ -18,7 +18,7 @@
 
 namespace pdeanim::xpbd {
 
-// A point in a vector register. In a present position the fourth number is unused; in a previous position it is the
+// A point in a vector register. In a current position the fourth number is unused; in a previous position it is the
 // particle's inverse mass.
 struct alignas(32) Place {
     double at[4];
@@ -37,7 +37,7 @@ struct Halves {
     i32 particles, middle;
 
     int of(i32 particle) const { return particle >= middle ? 1 : 0; }
-    // Return a particle that cannot move and that pads slots. Each half has its own, in a cache line of its own.
+    // Return a particle that cannot move and that pads slots. Each half has its own, in a separate cache line.
     i32 filler(int half) const { return particles + 2 * half; }
     std::array<std::size_t, 2> range(int half) const {
         const auto start = static_cast<std::size_t>(half == 0 ? 0 : middle);

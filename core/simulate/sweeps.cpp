@@ -44,7 +44,7 @@ namespace {
 
 using Matrix = std::array<std::array<double, 3>, 3>;
 
-// The two constraints of a neo-Hookean tetrahedron, linearised at the present positions.
+// The two constraints of a neo-Hookean tetrahedron, linearised at the current positions.
 struct Rows {
     double size, determinant;                      // sqrt(tr(F^T F)) and det F
     std::array<Point, 4> of_size, of_determinant;  // gradients of both at the four corners

@@ -1,8 +1,8 @@
 // The simulator's loops: extended position-based dynamics (Fang et al. 2024, Algorithm 1).
 //
-// A sweep takes the constraints of one batch one after another, in the given order, and changes positions and
+// A sweep solves the constraints of one batch one after another, in the given order, and changes positions and
 // multipliers in place (Eqs. 6 and 7). It runs on one thread and in the written order of operations, so the same scene
-// gives the same bits. sheets.hpp takes several constraints at once, on one thread or two, with the same result.
+// gives the same bits. sheets.hpp solves several constraints at once, on one thread or two, with the same result.
 // pdecodec/simulate describes the constraints. Callers have checked all indices.
 #pragma once
 

@@ -7,7 +7,8 @@ namespace pdeanim::text {
 
 namespace {
 
-enum class Line { other, vertex, texture, normal, face, line, point, library, nothing };  // nothing: blank or comment
+// Nothing: a blank line or a comment.
+enum class Line { other, vertex, texture, normal, face, line, point, library, nothing };
 
 constexpr i64 most_index_digits = 10;  // 2^31 has ten digits; longer indices are refused before they overflow
 constexpr int most_vertex_extras = 4, most_texture_numbers = 3, most_normal_numbers = 3;
@@ -189,7 +190,7 @@ private:
         scan_.element_sizes.push_back(size);
     }
 
-    // Read one v, v/vt, v//vn or v/vt/vn, and move behind it.
+    // Read one v, v/vt, v//vn or v/vt/vn, and move past it.
     ObjFault read_corner(const u8 *&at) {
         i64 vertex, texture = -1, normal = -1;
         ObjFault fault = read_reference(at, vertices(), vertex);

@@ -59,15 +59,16 @@ enum class ObjFault {
 struct ObjScan {
     explicit ObjScan(std::span<const u8> text);
 
-    std::vector<float> positions;      // the first three numbers of each v line
-    std::vector<float> vertex_extras;  // the next four, 0 if missing: w, r g b, or r g b a; empty if no line has any
-    std::vector<float> textures;       // three numbers of each vt line, 0 for missing ones
-    std::vector<float> normals;        // three numbers of each vn line
-    std::vector<i32> vertex_sizes;     // how many numbers each v line has
-    i32 texture_size = 0;              // largest number of numbers on a vt line
-    std::vector<u8> is_face;           // 1 for each element that is a face; the others are lines and points
-    std::vector<i32> element_sizes;    // number of corners of each element
-    std::vector<i32> corners;          // vertex, texture vertex, normal of each corner, from 0; -1: has no such
+    std::vector<float> positions;  // the first three numbers of each v line
+    std::vector<float>
+        vertex_extras;              // the next four, 0 if missing: w, r g b, or r g b a; empty if all v lines lack them
+    std::vector<float> textures;    // three numbers of each vt line, 0 for missing ones
+    std::vector<float> normals;     // three numbers of each vn line
+    std::vector<i32> vertex_sizes;  // how many numbers each v line has
+    i32 texture_size = 0;           // largest number of numbers on a vt line
+    std::vector<u8> is_face;        // 1 for each element that is a face; the others are lines and points
+    std::vector<i32> element_sizes;  // number of corners of each element
+    std::vector<i32> corners;        // vertex, texture vertex and normal of each corner, from 0; -1 if it has none
     std::vector<i64> others;  // for every other statement: its byte, and how many vertices and elements precede it
     std::vector<UnreadNumber> unread;  // in the order in which they must be read
 

@@ -11,8 +11,8 @@
 #include "decode/animation.hpp"
 #include "pdeanim.h"
 
-// What a caller's handle points to: a file of several runs, or one run. It also keeps the results that C callers see
-// through pointers and that neither of them owns.
+// The object that a caller's handle points to: a file of several runs, or one run. It also stores results that C
+// callers access through pointers and that neither of the two owns.
 struct pdeanim_animation {
     pdeanim_animation(std::shared_ptr<const pdeanim::File> whole, const pdeanim::Animation::Options &chosen);
     pdeanim_animation(const pdeanim_animation &whole, std::size_t of_it);

@@ -39,7 +39,7 @@ public:
         if (process_ != process_number()) leave_alone();
     }
 
-    // The file, and a run: the only one, or the one that was chosen. Both live as long as they are used.
+    // The file, and a run: the only one, or the chosen one. Both are kept alive while they are used.
     struct Opened {
         const Container &container() const { return animation ? animation->sections().container() : file->container(); }
 
@@ -79,7 +79,7 @@ public:
         return work(*own);
     }
 
-    // Close the animation. Running calls end normally: they share ownership.
+    // Close the animation. Calls that are running end normally, because they share ownership.
     void close() {
         if (process_ != process_number()) leave_alone();
         opened_ = {};

@@ -11,7 +11,7 @@ namespace pdeanim::bindings {
 namespace {
 
 // Codes integers below 2^62 in magnitude: a flag for zero, the sign, the number of binary digits in unary, then the
-// digits after the leading one. As in the published schemes, neighbouring values are no context.
+// digits after the leading one. As in the published schemes, neighbouring values are not used as context.
 class BandModel {
 public:
     // Keep the statistics for the next band, with less confidence. (The bands are modes, frequencies or frames, in

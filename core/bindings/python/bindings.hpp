@@ -114,7 +114,7 @@ struct PyMotion {
     std::variant<Motion<float>, Motion<double>> motion;
 };
 
-// Each function adds the classes and functions of the file of that name to the module.
+// Each function adds the classes and functions of the file of the same name to the module.
 void bind_animation(nb::module_ &module);
 void bind_mesh(nb::module_ &module);
 void bind_motion(nb::module_ &module);

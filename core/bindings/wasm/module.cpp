@@ -17,8 +17,8 @@ __attribute__((export_name("pdeanim_open_page"))) pdeanim_status pdeanim_open_pa
 }
 }
 
-// The C++ library and its exceptions come from the compiler's package. These functions replace those that would write
-// to a console: messages are dropped, and aborting is a trap.
+// The C++ library and its exceptions come from the compiler's package. The functions below replace those that would
+// write to a console: messages are dropped, and aborting is a trap.
 extern "C" {
 
 [[noreturn]] __attribute__((visibility("hidden"))) void __abort_message(const char *, ...) { __builtin_trap(); }

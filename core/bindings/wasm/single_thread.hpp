@@ -1,6 +1,5 @@
-// The classes of the C++ library for threads, as far as the core uses them, for a single thread: the C++ library that
-// comes with the compiler for WebAssembly leaves them out. The compiler includes this header before every source
-// (build.py).
+// Single-threaded versions of the C++ library's classes for threads, as far as the core uses them: the C++ library that
+// comes with the compiler for WebAssembly lacks them. The compiler includes this header before every source (build.py).
 #pragma once
 
 namespace std {
@@ -19,7 +18,7 @@ public:
     void notify_one() {}
     void notify_all() {}
 
-    // There is no other thread that could make the predicate true: it is true already, or the core never waits for it.
+    // No other thread could make the predicate true: it is true already, or the core never waits for it.
     template <class Lock, class Predicate> void wait(Lock &, const Predicate &) {}
 };
 

@@ -1,4 +1,4 @@
-// Carries the coefficients of functions of space at some frames down the partition tree to the elements.
+// Carries coefficients of functions of space, evaluated at some frames, down the partition tree to the elements.
 #pragma once
 
 #include <algorithm>
@@ -103,7 +103,7 @@ PDEANIM_INLINE void add_up_axes(const Real *time, const RowOf<Real> &own, Real *
     }
 }
 
-// The same for a single frame.
+// Add up a row for a single frame.
 template <class Real> PDEANIM_INLINE void add_up_axes_once(const Real *time, const RowOf<Real> &own, Real *row) {
     constexpr int axes = static_cast<int>(SpaceRows<Real>::padded_axes);
     static_assert(axes == width<1>);
@@ -181,11 +181,11 @@ private:
 
 // Functions or fields of an element (its columns), and the weight of each at some frames.
 template <class Real> struct Columns {
-    const Real *values;  // of the columns, beginning at the element's first vertex
+    const Real *values;  // values of the columns, beginning at the element's first vertex
     i64 count;
     const Real *counts;
     i64 count_stride;
-    bool is_shared;  // whether each axis has values of its own, and all axes share one weight per frame
+    bool is_shared;  // whether each axis has its own values, and all axes share one weight per frame
 };
 
 // Visits the elements of a motion one after another, with their values at some frames.

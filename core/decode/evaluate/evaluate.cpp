@@ -10,7 +10,7 @@ namespace pdeanim {
 
 namespace {
 
-// The vertices of an element, with what their positions at some frames are added up from and where these are written.
+// The vertices of an element, the terms from which their positions at some frames are added up, and the output.
 template <class Real> struct Target {
     Columns<Real> columns;
     i64 stride;        // distance in memory from one function (or field, or axis of the reference frame) to the next

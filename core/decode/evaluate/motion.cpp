@@ -164,7 +164,7 @@ template <class Real> void Motion<Real>::keep_values(i64 element, i64 column, co
     for (i64 k = 0; k < size; ++k) to[k] = static_cast<Real>(values[places[k]]);
 }
 
-// Make the fields of an element. used, values: its functions with coefficients, and their values at its vertices.
+// Make the fields of an element from its functions with coefficients (`used`) and their values at its vertices.
 template <class Real> void Motion<Real>::make_fields(i64 element, std::span<const i64> used, QuantisedRows rows,
                                                      std::span<const double *const> values) {
     Element &own = elements[element];

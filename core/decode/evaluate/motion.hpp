@@ -3,13 +3,13 @@
 //
 // The sum over functions of time comes first, for several frames at once: it takes as many products as there are
 // coefficients that are not zero. Then the values of the functions that several elements share are carried down the
-// partition tree. At last each element's functions are added up at its vertices. An element with many more functions of
+// partition tree. Finally each element's functions are added up at its vertices. An element with many more functions of
 // space than functions of time stores one field per function of time instead.
 //
-// The mean motion of an element, and everything that comes down the tree, is added up in double. The rest is small, and
-// may be added up in float. For the same reason the reference frame is relative to the first vertex of an element. A
-// mean is split into a number of the sums' precision and a remainder, and the remainder is added first. Every
-// coordinate is one sum in one order, so its bits depend neither on other times of the call, nor on the number of
+// The mean motion of an element, and all values that come down the tree, are added up in double. The other terms are
+// small, and may be added up in float. For the same reason the reference frame is relative to the first vertex of an
+// element. A mean is split into a number of the sums' precision and a remainder, and the remainder is added first.
+// Every coordinate is one sum in one order, so its bits depend neither on other times of the call, nor on the number of
 // threads, nor on the processor. A double sum rounded to float equals the sum added up for float output (twice 24 bits
 // and 2 are fewer than 53).
 #pragma once
@@ -81,7 +81,7 @@ template <class Real> struct Motion {
     // Add the coefficients of the elements `first` to `end` - 1; several threads may add different elements.
     void take_elements(i64 first, i64 end, QuantisedRows rows);
 
-    // Call this when all coefficients are added: it releases memory that only adding needs.
+    // Call this when all coefficients are added: it releases memory that is needed only for adding.
     void end();
 
     i64 channels() const { return functions * axes; }
@@ -89,7 +89,7 @@ template <class Real> struct Motion {
     i64 vertices() const { return selection ? static_cast<i64>(selected_places.size()) : basis->vertices(); }
     bool is_left_out(i64 element) const { return selection && !selection->has_element(element); }
 
-    // Return the positions' indices of an element's vertices, ascending.
+    // Return the indices of an element's vertices in the positions, ascending.
     const i32 *places(i64 element) const {
         const Patches &patches = *basis->elements().patches;
         if (selection) return selected_places.data() + selected_starts[element];
@@ -104,8 +104,8 @@ template <class Real> struct Motion {
         i64 columns = 0;  // number of functions with coefficients, without the constant one; or number of fields
         bool has_fields = false;
         double constant = 0.0;  // value of the element's constant function; 0 if it has none
-        AlignedArray<Real>
-            values;  // (columns, vertices ascending), padded; three columns per field if the fields differ by axis
+        // Columns of values at the vertices (ascending), padded; three columns per field if fields differ by axis.
+        AlignedArray<Real> values;
         SpaceRows<Real> rows;  // rows of the functions that are not affine
     };
 

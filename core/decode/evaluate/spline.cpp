@@ -8,10 +8,10 @@ namespace pdeanim {
 
 namespace {
 
-// Number of frames on either side of a time that count. For even times the frames beyond weigh (2 - sqrt 3)^16 < 1e-9,
-// a fiftieth of float32's resolution.
+// Number of frames on either side of a time that contribute. At even times, frames further away weigh (2 - sqrt 3)^16 <
+// 1e-9, a fiftieth of float32's resolution.
 constexpr i64 half_window = 16;
-// The same for uneven times: each further frame weighs at most half as much as the one before it, and 2^-30 < 1e-9.
+// This number at uneven times: each further frame weighs at most half as much as the one before it, and 2^-30 < 1e-9.
 constexpr i64 half_window_uneven = 30;
 // Times are even if no two steps differ by more than this factor: then each further frame weighs 0.28 as much.
 constexpr double even = 1.1;
@@ -61,7 +61,7 @@ void FrameSpline::set_up_rows() {
     rows_[last_row].excess = last_but_one;
     rows_[last_row].left = last * (2.0 * last + 3.0 * last_but_one) / (last + last_but_one);
     rows_[last_row].right = last_but_one * last_but_one / (last + last_but_one);
-    double remains = 0.0;  // 1 minus the quotient that eliminating the previous row gives
+    double remains = 0.0;  // 1 minus the quotient from eliminating the previous row
     for (i64 i = 1; i <= last_row; ++i) {
         Row &row = rows_[i];
         row.centre = row.excess + row.below * remains;

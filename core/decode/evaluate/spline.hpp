@@ -28,7 +28,7 @@ public:
 
     // Write the weights of the frames of a window for the position (derivative 0), the velocity (1) [1/s] or the
     // acceleration (2) [1/s^2] at a time, which is clamped to the clip; return the first frame of the window. For the
-    // position at the time of a frame, its weight is exactly 1, and all others are 0.
+    // position at the time of a frame, this frame's weight is exactly 1, and all others are 0.
     i64 weights(double time, int derivative, std::span<double> weights) const;
 
 private:

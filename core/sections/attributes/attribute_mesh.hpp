@@ -1,4 +1,4 @@
-// The mesh that an object's attributes are attached to, and what one attribute tells about the next.
+// The mesh that an object's attributes are attached to, and the data that one attribute gives the coder of the next.
 #pragma once
 
 #include <algorithm>
@@ -33,7 +33,7 @@ struct AttributeElements {
 
 class AttributeMesh {
 public:
-    // grid: of the object's vertices; it must outlive the mesh.
+    // grid: grid coordinates of the object's vertices; it must outlive the mesh.
     AttributeMesh(const ConnectivityView &part, std::span<const GridPoint> grid);
     ~AttributeMesh();
 
@@ -53,7 +53,7 @@ public:
     // Return the normals of polygons, scaled so that the largest component has at most 12 bits.
     const std::vector<GridPoint> &normals();
 
-    // Return the elements of a domain; count: how many there are.
+    // Return the elements of a domain; count: their number.
     AttributeElements elements_of(Domain domain, i64 count) const;
 
     // Return the number of elements of a domain; 0 for objects, whose rows are counted separately.
@@ -131,7 +131,7 @@ enum RowRule : i64 { not_indexed, by_vertex, listed, first_used, last_rule = fir
 
 // Number rows by first use. Return the row of each element, and for each row the first element that has it.
 //
-// rule: `first_used` or more; codes: those of all elements.
+// rule: `first_used` or more; codes: codes of all elements.
 Numbered number_by_use(const AttributeMesh &mesh, Domain domain, i64 rule, std::span<const i32> codes, int channels);
 
 }  // namespace pdeanim

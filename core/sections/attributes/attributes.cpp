@@ -23,13 +23,13 @@ static_assert(std::endian::native == std::endian::little, "bytes of values are r
 // values, lengths, predictions, the result.
 constexpr i64 bytes_per_corner = 320, bytes_per_element = 200, bytes_per_number = 64;
 
-// Memory in Python of an attribute without values, and of a short text.
+// Memory in Python of an attribute without values, and of a short text [bytes].
 constexpr i64 bytes_per_attribute = 1024, bytes_per_label = 128;
 
 constexpr i64 most_rows = (i64{1} << 31) - 1;  // rows are numbered by int32
 
-// A value is common if it occurs at least this often, and makes up at least this share of all values: its entry in a
-// table costs four bytes.
+// A value is common if it occurs at least this often and makes up at least this share of all values, because its entry
+// in a table costs four bytes.
 constexpr double least_common = 4, common_share = 0.02;
 constexpr std::size_t most_common = 16;
 

@@ -1,8 +1,9 @@
-// Section ATTR: constant data of objects, coded over the faces and the reference frame that a decoder already has.
+// Section ATTR: constant data of objects, coded by means of the faces and the reference frame that a decoder already
+// has.
 //
-// Values of corners, vertices or faces are coded in two steps: which of them are equal around each point, and what the
-// values are. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Rows that are
-// numbered by first use cost nothing to number.
+// Values of corners, vertices or faces are coded in two steps: first which of them are equal around each point, then
+// the values. Measured values (UVs, colours) are predicted over the surface; labels are coded as steps. Row numbers
+// take no bytes if rows are numbered by first use.
 //
 // This folder codes section ATTR (17 of the specification). Begin here: attributes.cpp has the stream, plan the head of
 // an attribute and the model of its values, wedges the equal values around a point and their prediction, scales the
@@ -41,7 +42,7 @@ struct Attribute {
     std::vector<std::string> labels;
 };
 
-// The same attribute, as views of the caller's arrays.
+// An attribute as views of the caller's arrays.
 struct AttributeView {
     std::string name;
     Domain domain;
@@ -52,7 +53,7 @@ struct AttributeView {
     std::vector<std::string> labels;
 };
 
-// One object, and the attributes of it to encode.
+// One object, and its attributes to encode.
 struct AttributedPart {
     ConnectivityView connectivity;
     std::vector<AttributeView> attributes;
@@ -63,8 +64,8 @@ struct AttributeSettings {
     bool keeps_rows = true;              // whether the rows of indexed values keep their numbers
 };
 
-// Encode the attributes of all parts. grid: of the vertices of all parts, one part after the other. An index is a row
-// of the values, or -1.
+// Encode the attributes of all parts. grid: grid coordinates of the vertices of all parts, one part after the other. An
+// index is a row of the values, or -1.
 std::vector<u8> encode_attributes(std::span<const AttributedPart> parts, std::span<const GridPoint> grid,
                                   const AttributeSettings &settings);
 

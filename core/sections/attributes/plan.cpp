@@ -13,8 +13,8 @@ namespace {
 // Texture coordinates have this name, or this name, a colon and another name.
 constexpr std::string_view uv = "uv";
 
-// Name of the integer attribute of corners that says which corners of a vertex share a normal: those with equal
-// numbers, which count from 0 at each vertex, in the order of its corners.
+// Name of the integer attribute whose equal numbers mark corners of a vertex that share a normal. Numbers count from 0
+// at each vertex, in the order of its corners.
 constexpr std::string_view normal_group = "normal_group";
 
 template <class T> std::vector<T> values_as(const AttributeView &attribute) {
@@ -196,7 +196,7 @@ i64 ValueModel::code_residual(RangeCoder<mode> &coder, bool is_place, const Outl
     return coder.bit(sign, residual < 0) ? -value : value;
 }
 
-// Code whether a value is in the table of its channel, and if so where; return the place, or -1.
+// Code whether a value is in the table of its channel, and if so its place in the table; return the place, or -1.
 template <Mode mode> i64 ValueModel::code_common(RangeCoder<mode> &coder, const std::vector<i64> &table, i64 nearest,
                                                  int distance, const Outlook &of, i64 code) {
     const bool is_in = mode != Mode::decode && std::binary_search(table.begin(), table.end(), code);

@@ -99,7 +99,7 @@ private:
     std::vector<BitModel> by_channel_, by_prediction_, by_spread_;  // inputs of a decision on a length
     std::array<std::array<BitModel, 4>, longest + 1> digits_;
     std::array<BitModel, 3 * 4 * (WedgeField::ways + 1)> signs_;
-    // Inputs of the decision whether a value is in the table, and of the decision where.
+    // Models for the decision whether a value is in the table, and for its place in the table.
     std::array<BitModel, 16 * 16> common_near_;
     std::array<BitModel, predictions * sizes> common_by_prediction_;
     std::array<BitModel, 16 * most_channels * sizes> common_expected_;

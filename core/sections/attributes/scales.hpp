@@ -15,7 +15,7 @@ namespace pdeanim {
 constexpr int linear_bits = 30;  // digits of a linear value; the unit is chosen so that the largest one fits
 constexpr i64 largest_linear = i64{1} << linear_bits;
 constexpr i64 largest_code = (i64{1} << 31) - 1;  // codes have 32 bits, one of them the sign
-constexpr i64 largest_shift = 127;                // smaller values than 2^-97 are as good as 0 for prediction
+constexpr i64 largest_shift = 127;                // for prediction, values below 2^-97 count as 0
 constexpr int most_channels = 4;
 
 // Meaning of a channel's codes: the value is code / divisor, or 1 - code / divisor, or the float32 of that rank among
@@ -51,7 +51,7 @@ struct Channels {
 // Return the scales of uint8 values, which are their own codes.
 Scales byte_scales(int channels);
 
-// Return the codes of float32 values in rows. divisor: of a grid to try in addition to the usual ones.
+// Return the codes of float32 values in rows. divisor: divisor of a grid to try in addition to the usual ones.
 Channels codes_of_floats(std::span<const float> values, int channels, i64 divisor);
 
 // Move all values to the nearest points of a grid, each by at most `tolerance`; return the grid's divisor. Values stay

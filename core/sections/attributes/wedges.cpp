@@ -124,7 +124,7 @@ constexpr i64 most_corners_around = 16;  // number of a wedge's corners that are
 constexpr int ratio_bits = 16;           // fraction bits of a ratio of lengths
 constexpr int vector_bits = 14;  // digits of the largest component of three edges, before their products are multiplied
 // Largest distance of a point along an edge (8 edge lengths) and across it (4 times the distance of the third known
-// point). Farther away, a prediction only amplifies noise.
+// point). Beyond that, a prediction only amplifies noise.
 constexpr int along_bits = 3, aside_bits = 2;
 constexpr int thinnest_bits = 10;  // smallest height of a triangle over its edge, squared; thinner ones do not predict
 constexpr int score_bits = 10, score_rate = 3;

@@ -1,4 +1,4 @@
-// Which elements around a point have the same value: the seams of attributes, and hard edges.
+// Find the elements around a point that have the same value: seams of attributes, and hard edges.
 //
 // Elements with the same value at one point form a wedge (Hoppe 1998, "Efficient implementation of progressive
 // meshes"). Each element in turn is compared with the wedges at its corners, first with those across the two sides of
@@ -27,27 +27,27 @@ struct Wedges {
 class WedgeModel {
 public:
     static constexpr i64 most_corners =
-        16;  // corners of an element, and at a point, that are examined: keeps the time linear
+        16;  // largest number of corners of an element, and at a point, that are examined, which keeps the time linear
 
     WedgeModel();
 
     // Code the wedge of every element of a mesh.
     //
-    // corners: of the mesh, with vertices or points as corners; has_runs: whether an element is finally compared with
-    // the previous element; wanted: for every element a number, equal for equal values; unused when decoding.
+    // corners: corners of the mesh, with vertices or points; has_runs: whether an element is finally compared with the
+    // previous element; wanted: for every element a number, equal for equal values; unused when decoding.
     template <Mode mode> Wedges code(RangeCoder<mode> &coder, AttributeMesh &mesh, const CornerTable &corners,
                                      const AttributeElements &elements, bool has_runs, std::span<const i32> wanted);
 
 private:
-    // What an element is compared with: the wedge across the side before its corner, the wedge across the side after
-    // it, the wedges at other corners there, and the wedge of the previous element, because equal values often follow
-    // each other.
+    // Wedges that an element is compared with: the wedge across the side before its corner, the wedge across the side
+    // after it, the wedges at other corners there, and the wedge of the previous element, because equal values often
+    // follow each other.
     enum Kind { beside_before, beside_after, around, latest };
     enum Likeness { unsure, same, other };
 
     struct Comparison {
         Kind kind;
-        Likeness ends, agreement;  // at the other ends of the side; of the wedges across both sides
+        Likeness ends, agreement;  // likeness at the other ends of the side; likeness of the wedges across both sides
         int refused;               // number of wedges that the element did not equal
         int bend;                  // class of the angle between the two polygons
         Likeness seam;             // whether the previous attribute had one wedge here
@@ -73,7 +73,7 @@ private:
 // Values are points of a map of the surface: texture coordinates, or colours. Across an edge with known ends, the map
 // continues as on the other side of the edge (an affine map, from three known points), or without distortion, turned to
 // one side of the edge or mirrored to the other. (Isenburg and Snoeyink 2003, "Compressing texture coordinates with
-// selective linear predictions", measure how often maps are of this kind.) If lengths do not help, there are
+// selective linear predictions", measure how often maps are of this kind.) Three further predictions use no lengths:
 // parallelograms, the mean of the neighbours, and the value of another attribute at the same place. The prediction with
 // the smallest recent errors is used. Everything is integer arithmetic.
 class WedgeField {

@@ -1,9 +1,9 @@
 // Context models of quantised coefficients.
 //
-// The rows of a subband are coded in bands. For each band, first comes the number of channels that it needs, then its
-// coefficients up to that channel, in blocks: whether any coefficient of a block is not zero, then each coefficient. A
-// coefficient's magnitude is coded as its exponent and the digits below. Each decision mixes three models: by channel,
-// by band, and by the magnitudes of known neighbours.
+// The rows of a subband are coded in bands. Each band begins with the number of channels that it needs. Its
+// coefficients up to that channel follow in blocks: whether any coefficient of a block is not zero, then each
+// coefficient. A coefficient's magnitude is coded as its exponent and the digits below. Each decision mixes three
+// models: by channel, by band, and by the magnitudes of known neighbours.
 #pragma once
 
 #include "base/errors.hpp"
@@ -40,8 +40,8 @@ public:
     static constexpr int ratios = 24;  // number of classes of sums of neighbours' magnitudes
     static constexpr int ranks = 20;   // number of classes of ranks
 
-    // Code the number of channels (at most `most`) that a band needs. before: that of the previous band in the subband.
-    // CorruptError if the number is too large.
+    // Code the number of channels (at most `most`) that a band needs. before: number that the previous band in the
+    // subband needs. CorruptError if the number is too large.
     template <Mode mode> i64 code_count(RangeCoder<mode> &coder, int band, i64 before, i64 most, i64 count);
 
     // Code whether any coefficient of a block is not zero. row: within the element (affine functions included) or the
@@ -49,8 +49,8 @@ public:
     template <Mode mode>
     bool code_block(RangeCoder<mode> &coder, int band, i64 row, i64 rank, const BlocksAround &around, bool is_any);
 
-    // Code a coefficient at a rank of functions of time. is_nonzero: it is known not to be zero, so that is not coded.
-    // CorruptError if the coefficient is out of range.
+    // Code a coefficient at a rank of functions of time. is_nonzero: the coefficient is known not to be zero, so this
+    // is not coded. CorruptError if the coefficient is out of range.
     template <Mode mode> i64 code_coefficient(RangeCoder<mode> &coder, int band, i64 rank,
                                               const CoefficientsAround &around, bool is_nonzero, i64 coefficient);
 

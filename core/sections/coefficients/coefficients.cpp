@@ -11,12 +11,12 @@ namespace pdeanim {
 
 namespace {
 
-// Rows of an element, affine ones included, at which its bands end: the numbers of polynomials in two variables up to
-// each degree.
+// Row numbers at which the bands of an element end, affine rows included: the numbers of polynomials in two variables
+// up to each degree.
 constexpr std::array<i64, CoefficientModel::element_bands> band_ends = {6, 10, 15, 21, 28, 36, 48, 64, i64{1} << 62};
 
-// Number of functions of time in a block if all axes share their coefficients; otherwise a block is one function, with
-// its axes.
+// Number of functions of time in a block if all axes share their coefficients; otherwise a block is one function with
+// all its axes.
 constexpr i64 ranks_together = 4;
 
 // Return the number of coefficients in a block.
@@ -34,7 +34,7 @@ public:
     const i64 *add(i64 first, i64, i64) const { return coefficients_ + first * channels_; }
     i64 width(i64) const { return channels_; }
 
-    // Return what takes the place of a row that does not exist: zeros.
+    // Return zeros, for use as a row that does not exist.
     std::span<const i64> none() const { return none_; }
 
 private:
@@ -109,7 +109,7 @@ private:
         beside = subband;
     }
 
-    // Return the number of channels up to the last that is not zero in some of the rows.
+    // Return the number of channels up to the last one that is not zero in any of the rows.
     i64 channels_needed(i64 first, i64 end) const {
         i64 needed = 0;
         if constexpr (!decodes) {

@@ -1,8 +1,8 @@
 // Quantised coefficients of a group of frames (a chunk of section COEF).
 //
 // They form rows, one per function of space, with one number per channel. There is a channel for each function of time,
-// or three if each axis has coefficients of its own. Functions of time are ordered by falling importance, and so are
-// the functions of space within a subband, so nonzero values gather in a corner. Rows are coded subband by subband: the
+// or three if each axis has its own coefficients. Functions of time are ordered by falling importance, as are the
+// functions of space within a subband, so nonzero values gather in a corner. Rows are coded subband by subband: the
 // affine functions of the whole mesh, the wavelets of each node of the partition tree, the other functions of each
 // element.
 //
@@ -23,8 +23,8 @@ namespace pdeanim {
 // For each function of space, its row up to the last channel that may not be zero.
 using QuantisedRows = std::span<const std::span<const i64>>;
 
-// Rows, each as long as it was coded: most are short. A row keeps its address when others are added, so another thread
-// may read existing rows.
+// Rows, each as long as it was coded: most are short. A row keeps its address when other rows are added, so another
+// thread may read existing rows.
 class CoefficientRows {
 public:
     // Make empty rows. A row takes memory for a multiple of `block` numbers, and is padded with zeros.
@@ -36,7 +36,7 @@ public:
     QuantisedRows all() const { return rows_; }
     std::span<const i64> operator[](i64 row) const { return rows_[row]; }
 
-    // Return what takes the place of a row that does not exist: an empty row.
+    // Return an empty row, for use as a row that does not exist.
     std::span<const i64> none() const { return {}; }
 
     // Return the distance in memory between the rows that one call of `add` allocates.
@@ -61,7 +61,8 @@ public:
     }
 
 private:
-    static constexpr i64 piece = 1 << 13;  // numbers that are allocated together: they fit in the first-level cache
+    // Count of numbers that are allocated together; they fit in the first-level cache.
+    static constexpr i64 piece = 1 << 13;
     static constexpr const char *what = "coefficients of a group of frames";
 
     TakenMemory taken_;
@@ -85,7 +86,7 @@ struct Subbands {
 struct CoefficientLayout {
     Subbands subbands;
     i64 rows = 0, channels = 0;
-    int axes = 1;  // 3 if each axis has a channel of its own
+    int axes = 1;  // 3 if each axis has its own channel
 
     // Raise std::invalid_argument unless all members fit together.
     void check() const;
@@ -99,8 +100,8 @@ std::vector<u8> encode_coefficients(const CoefficientLayout &layout, std::span<c
 double measure_coefficients(const CoefficientLayout &layout, std::span<const i64> coefficients,
                             std::span<const double> copies = {});
 
-// Undoes `encode_coefficients` a few subbands at a time, so that other threads can use them while the next ones are
-// decoded.
+// Undoes `encode_coefficients` a few subbands at a time, so that other threads can use the decoded subbands while the
+// next ones are decoded.
 class CoefficientDecoder {
 public:
     // The layout's arrays and the data must outlive this object, which cannot be moved. LimitError, here or later, if
@@ -111,7 +112,7 @@ public:
     // Decode the subbands up to `end` - 1 that are not decoded yet; CorruptError if a number is out of range.
     void decode(i64 end);
 
-    // Return all rows; those that are not decoded yet are empty.
+    // Return all rows; rows that are not decoded yet are empty.
     QuantisedRows rows() const { return rows_.all(); }
 
     // Raise CorruptError unless the bytes end where the coefficients end.

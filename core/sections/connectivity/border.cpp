@@ -26,7 +26,7 @@ void Border::dequeue(i32 side) {
     sides[side].priority = -1;
 }
 
-// Move an open side to the front of the queue of its present priority, unless it is in that queue already.
+// Move an open side to the front of the queue of its current priority, unless it is in that queue already.
 void Border::enqueue(i32 side) {
     const i32 angle = vertices[sides[side].origin].angle;
     const i32 other = vertices[sides[sides[side].following].origin].angle;

@@ -50,8 +50,8 @@ private:
     static constexpr i32 none = -1;
     static constexpr int last_phase = 7;  // nodes from this one on share a phase
     static constexpr int new_history_bits = 5;
-    static constexpr int most_cells = 16;    // of the latest cells at a node, so many are looked at
-    static constexpr i32 largest_cell = 32;  // larger ones are not looked at
+    static constexpr int most_cells = 16;    // number of the latest cells at a node that are searched
+    static constexpr i32 largest_cell = 32;  // cells with more nodes are not searched
     static constexpr int most_shared = 3, last_turn = 15;
 
     template <Mode mode> void code_kind(RangeCoder<mode> &coder, u8 shape, i32 size) {
@@ -89,7 +89,7 @@ private:
             of_cell_[node] = cell;
             highest_ = most(highest_, node);
         }
-        // Only now, so that a cell that has a node many times is not searched for others.
+        // Only now, so that a cell that has a node several times does not find itself.
         for (const i32 node : nodes) {
             before_.push_back(latest_[node]);
             cell_of_.push_back(cell);
@@ -129,7 +129,7 @@ private:
         i32 score;
     };
 
-    // Find the nodes of the latest cells at a node that the present cell does not have yet.
+    // Find the nodes of the latest cells at a node that the current cell does not have yet.
     void find_candidates(i32 cell, i64 node, i64 vertices) {
         candidates_.clear();
         if (node < 0 || node >= vertices) return;
@@ -155,7 +155,7 @@ private:
                 }
             }
         }
-        // There are few: insert each where it belongs, after those of equal score.
+        // Insertion sort, because there are few: each goes after candidates of equal score.
         for (std::size_t end = 1; end < candidates_.size(); ++end) {
             for (std::size_t at = end; at > 0 && candidates_[at].score > candidates_[at - 1].score; --at) {
                 std::swap(candidates_[at], candidates_[at - 1]);
@@ -177,8 +177,8 @@ private:
     i64 highest_ = -1, first_ = 0;
     std::span<const i32> nodes_;
     std::vector<i32> latest_, before_,
-        cell_of_;                         // the latest place of each vertex; of each place the one before, its cell
-    std::vector<i32> of_cell_, of_turn_;  // of each vertex: the latest cell that has it, its place as a candidate
+        cell_of_;  // the latest place of each vertex; for each place, the previous place of its vertex, and its cell
+    std::vector<i32> of_cell_, of_turn_;  // for each vertex, the latest cell that has it, and its place as a candidate
     std::vector<std::size_t> starts_;
     std::vector<Candidate> candidates_;
 };

@@ -17,10 +17,10 @@ namespace {
 // Codes polygons in their original order, as differences of vertex numbers.
 //
 // This costs least for lines and for meshes that a program numbered row by row, and works for any polygons. A polygon
-// is a sequence of numbers: its size, unless all polygons have the same; the difference of its first corner from the
-// first corner of the previous polygon; the difference of each other corner from the corner before it. A number is
+// is a sequence of numbers: its size, unless all polygons have the same size; the difference of its first corner from
+// the first corner of the previous polygon; the difference of each other corner from the corner before it. A number is
 // coded in the first of these ways that applies: as the prediction of the match model, as the vertex after the highest
-// so far, as a literal. The statistics of one object are kept for the next.
+// one so far, as a literal. The statistics of one object are kept for the next.
 class PolygonModel {
 public:
     PolygonModel() { new_.fill(std::vector<BitModel>(1 << new_history_bits)); }
@@ -72,7 +72,7 @@ public:
     }
 
 private:
-    static constexpr int last_corner_phase = 3;  // corners 0 to 2 have phases of their own; the others share this one
+    static constexpr int last_corner_phase = 3;  // corners 0 to 2 have their own phases; the others share this one
     static constexpr int size_phase = 4, new_history_bits = 5;
 
     std::array<std::vector<BitModel>, MatchModel::phases> new_;
@@ -117,7 +117,7 @@ private:
 // Statistics of all parts of the coder.
 struct Models {
     std::array<std::array<NumberModel, 3>, 2>
-        heads;  // of faces and lines: their number, common size or 0, number of corners
+        heads;  // for faces and for lines: their number, their common size or 0, number of corners
     std::array<BitModel, 3> choices;
     Lazy<SurfaceModel> surface;
     Lazy<OrderModel> order;
@@ -138,7 +138,7 @@ template <Mode mode> Head code_head(RangeCoder<mode> &coder, Models &models, Kin
     head.count = count.code(coder, head.count);
     if (head.count == 0) return {0, 0, 0};
     head.size = size.code(coder, head.size);
-    // The product of two numbers of 32 bits, unsigned so that it is defined: the caller checks it before it is used.
+    // The product of two numbers of 32 bits; unsigned, so that it is defined even if it is refused later.
     const u64 product = static_cast<u64>(head.count) * static_cast<u64>(head.size);
     head.corners = head.size ? static_cast<i64>(product) : corners.code(coder, head.corners);
     return head;
@@ -170,7 +170,7 @@ bool is_coded_order(const CodedSurface &coded, const SourceOrder &order, std::sp
     return true;
 }
 
-enum class Order { kept, left_out, free };  // free: any order will do, so none is coded
+enum class Order { kept, left_out, free };  // free: any order is acceptable, so none is coded
 
 // Choose the cheaper coding for each object. The models learn as they will when coding.
 std::vector<Choice> choose(std::span<const ConnectivityView> parts, Order wanted) {

@@ -28,7 +28,7 @@ struct CodedOrder {
     std::vector<i32> vertices, faces, corners;
 };
 
-// Return the order of each object's surface; empty for an object coded as polygons, which keep their order.
+// Return the coded order of each object's surface; empty for an object coded as polygons, which keep their order.
 std::vector<CodedOrder> coded_orders(std::span<const ConnectivityView> parts);
 
 // Undo `encode_connectivity`. vertices: number of vertices of each object; most_corners: largest number of face corners

@@ -8,11 +8,11 @@ namespace pdeanim {
 
 namespace {
 
-// Number of sides of a recent face that are candidates, and of corners of a face, from its first one, that can name it.
-// Few faces have more, and the limit keeps the time linear.
+// Number of sides of a recent face that are candidates, and number of corners of a face, from its first one, that can
+// name it. Few faces have more, and the limit keeps the time linear.
 constexpr int most_sides = 16;
 
-constexpr int most_listed = 32;  // corners of a vertex by which it can name a face: keeps the time linear
+constexpr int most_listed = 32;  // number of corners of a vertex by which it can name a face; keeps the time linear
 
 // A surface, and the part of its order that is coded so far.
 class Records {
@@ -49,8 +49,8 @@ public:
         const i32 face = corners[corner].face;
         return corner == starts[face] ? starts[face + 1] - 1 : corner - 1;
     }
-    // Return whether a corner is left, which means that its face has not been named. Other corners are skipped, and
-    // unlinked when a list is walked.
+    // Return whether a corner is left, which means that its face has not been named. Corners of named faces are
+    // skipped, and unlinked when a list is walked.
     bool is_left(i32 corner) const { return !is_named_[corners[corner].face]; }
     i32 number_at(i32 corner) const { return vertices[corners[corner].vertex].number; }
 
@@ -286,7 +286,7 @@ private:
         return first;
     }
 
-    // Return the corner `steps` before a corner in its face; -1 if that goes all the way round.
+    // Return the corner `steps` before a corner in its face; -1 if that is all the way round.
     i32 corner_back(i32 corner, i32 steps) const {
         i32 found = corner;
         for (i32 step = 0; step < steps; ++step) {
@@ -298,8 +298,8 @@ private:
 
     // Compare the differences of vertex numbers in a face that begins at `first` with those in the last two faces. The
     // result has four digits to base 3: second and third corner compared with the last face, second and third corner
-    // compared with the face before that. A digit is 0 if the corner's difference from the first corner is another one,
-    // 1 if it is not known, and 2 if it is the same.
+    // compared with the face before that. A digit is 0 if the difference from the first corner is not the same, 1 if it
+    // is not known, and 2 if it is the same.
     int resemblance(i32 first) const {
         const i32 second = records_.after(first);
         const i32 number = records_.number_at(first), second_number = records_.number_at(second);
@@ -472,7 +472,7 @@ private:
     const SourceOrder *source_;
     std::vector<Candidate> candidates_, latest_;
     i32 last_first_ = -1;               // the first corner of the last face
-    std::array<i32, 4> differences_{};  // second and third number minus the first, of the last two faces
+    std::array<i32, 4> differences_{};  // second and third vertex number minus the first, of the last two faces
     i64 last_number_ = -1, highest_ = -1;
 };
 

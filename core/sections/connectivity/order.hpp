@@ -1,14 +1,13 @@
 // Codes the order that faces and vertices had in the source, given the surface.
 //
-// The source's faces are named one after the other, each by its relation to those named before:
+// The source's faces are named one after the other, each by its relation to the faces named before:
 //
-// 1. by a side that it shares with one of the last four faces; or
-// 2. by a vertex that already has a number: which corner of the face lies there, the vertex's number, and which of the
-//    faces left at the vertex it is; or
-// 3. by its position on the surface, as a difference from the position of the previous face.
+// 1. by a side that it shares with one of the last four faces; or 2. by a vertex that already has a number: which
+// corner of the face lies there, the vertex's number, and which of the faces left at the vertex it is; or 3. by its
+// position on the surface, as a difference from the position of the previous face.
 //
-// Then the vertices of the face that have no number yet get their numbers. Only vertices on faces are numbered. Last
-// comes which corner of the face is the first, unless the second case already says so.
+// Then the vertices of the face that have no number yet get their numbers. Only vertices on faces are numbered. Finally
+// the first corner of the face is coded, unless the second case already determines it.
 #pragma once
 
 #include <span>
@@ -91,7 +90,7 @@ private:
     template <Mode mode> friend class OrderCoder;
 
     static constexpr int recent_faces = 4;  // faces whose neighbours are tried first: two quads cut into triangles
-    static constexpr int sides_told = 4;    // sides of a recent face that have slots of their own
+    static constexpr int sides_told = 4;    // number of sides of a recent face that have their own slots
     // A slot says how a face was named: one slot for each side of each recent face, one for the third case, one for the
     // second.
     static constexpr int by_place = recent_faces * sides_told, by_vertex = by_place + 1, slots = by_vertex + 1;
@@ -113,7 +112,7 @@ private:
     int found_history_ = 0, corner_history_ = 0, list_history_ = 0, first_history_ = 0;
     int slot_now_ = 0, slot_before_ = 0, slot_long_before_ = 0;
     i64 last_jump_ = 0;
-    std::array<int, slots> firsts_after_{};                 // for each slot, which corners came first
+    std::array<int, slots> firsts_after_{};                 // for each slot, which corners were first most recently
     std::array<std::array<int, slots>, slots> expected_{};  // which slot followed each pair of slots last time
 
     // Models of the numbers of vertices.

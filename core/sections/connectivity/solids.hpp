@@ -1,7 +1,8 @@
 // Cells of finite elements, and the sides that solids share.
 //
-// Where an object has cells, its faces and lines are what one sees of them: faces that are cells themselves, and sides
-// that belong to a single solid. Vertices inside solids get their neighbours from the other sides, the inner ones.
+// If an object has cells, its faces and lines are the visible parts of the cells: faces that are cells themselves, and
+// sides that belong to a single solid. Vertices inside solids get their neighbours from the inner sides, which solids
+// share.
 #pragma once
 
 #include <array>
@@ -23,8 +24,8 @@ constexpr std::array<i32, cell_shapes> smallest_cells = {1, 1, 3, 3, 4, 4, 5, 6,
 
 // Sides of all solids of an object, in the order of cells.
 struct CellSides {
-    std::vector<i32> cell, place;  // of each side: its cell, and its number in the cell's shape
-    Numbered corners;              // equal for sides of equal corners
+    std::vector<i32> cell, place;  // cell of each side, and the side's number in the cell's shape
+    Numbered corners;              // numbers of the sides, equal for sides with equal corners
 };
 
 CellSides sides_of_solids(const ConnectivityView &object);
@@ -33,7 +34,8 @@ CellSides sides_of_solids(const ConnectivityView &object);
 // lines. A node on each edge is part of the border.
 Connectivity inner_sides(const ConnectivityView &object);
 
-// Return the objects with inner sides after their own faces: what positions are predicted on (27.3 of the specification).
+// Return the objects with inner sides added after their own faces; positions are predicted on these (27.3 of the
+// specification).
 std::vector<Connectivity> with_inner_sides(std::span<const Connectivity> objects);
 
 }  // namespace pdeanim

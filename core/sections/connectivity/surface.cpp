@@ -9,7 +9,8 @@ namespace pdeanim {
 
 namespace {
 
-constexpr int farthest = 200;  // steps along the border in which a known vertex is searched for: keeps the time linear
+// Number of steps along the border in which a known vertex is searched; keeps the time linear.
+constexpr int farthest = 200;
 constexpr i32 last_told_size = 10;  // sizes up to this are coded by yes or no, larger ones as numbers
 
 }  // namespace

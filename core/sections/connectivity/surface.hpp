@@ -20,8 +20,8 @@
 
 namespace pdeanim {
 
-// The border of a growing surface: rings of sides that have no face across them yet, and queues that tell which side is
-// next.
+// The border of a growing surface: rings of sides that have no face across them yet, and queues that determine the next
+// side.
 //
 // Faces are numbered as they are added, and so are their corners. The side of a corner runs from its vertex to the
 // vertex of the next corner of its face. Sides without a face across form rings: every side is followed by a side that
@@ -102,7 +102,7 @@ struct CodedSurface {
     i32 vertex_count = 0;  // vertices that are on a face
 };
 
-// A mesh to encode, and which of its sides run in opposite directions along an edge.
+// A mesh to encode, with the pairs of its sides that run in opposite directions along an edge.
 class SourceMesh {
 public:
     // sizes: number of corners of each face, of which there is at least one; indices: vertex of each corner.
@@ -149,7 +149,7 @@ private:
     template <Mode mode> friend class SurfaceCoder;
 
     static constexpr int most_faces = 11, most_angle = 23, most_size = 7;  // contexts clamp these counts
-    static constexpr int told_sizes = 4;  // sizes 3, 4, 5, and 6 or more have models of their own
+    static constexpr int told_sizes = 4;  // sizes 3, 4, 5, and 6 or more have their own models
     static constexpr int F = most_faces + 1, A = most_angle + 1, S = most_size + 1;
 
     struct SizeModels {

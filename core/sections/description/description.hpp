@@ -9,7 +9,7 @@
 
 namespace pdeanim {
 
-// times: those listed one by one [s], may be empty; names: UTF-8.
+// times: times listed one by one [s], may be empty; names: UTF-8.
 std::vector<u8> encode_description(std::span<const double> times, std::span<const std::string> names);
 
 // Return the listed times, which come first in the stream. Any bytes give times: the caller checks that they increase.

@@ -14,7 +14,8 @@ namespace {
 
 // The low bits of a chunk's first byte are the levels; these flags are above them.
 constexpr u8 has_kinds = 16, is_transformed = 32;
-constexpr u8 function_step = 5;  // of functions of time: their errors add up to less than a step of the remainder
+// Quantisation step of functions of time, whose errors add up to less than a step of the remainder.
+constexpr u8 function_step = 5;
 
 // The frames that predict a frame: `before` and `after` are at the same distance, `second` and `beyond` farther away on
 // either side; -1 if there is none.
@@ -41,8 +42,7 @@ std::vector<FrameReferences> schedule(i64 frames, int levels) {
     return found;
 }
 
-// Codes the values of a chunk in place: an encoder starts with the source's values and ends with those that a decoder
-// gets.
+// Codes the values of a chunk in place: an encoder starts with the source's values and ends with the decoded ones.
 template <Mode mode> class FieldCoder {
 public:
     FieldCoder(RangeCoder<mode> &coder, const FieldRows &rows, i64 frames, int components, FieldCoding coding,
@@ -195,8 +195,8 @@ private:
             const auto side = [](i64 number) { return number > 0 ? 2 : number < 0 ? 1 : 0; };
             known.signs = 3 * (row > 0 ? side(remainders_[near]) : 0) + side(across);
 
-            // Propose candidates for the value: the previous frame's, a neighbour's, and two values that followed the
-            // same values before.
+            // Propose candidates for the value: that of the previous frame, that of a neighbour, and two values that
+            // followed the same values before.
             const auto propose = [&](int which, i64 value, int confidence) {
                 const i64 remainder = in_steps(value - predicted);
                 known.candidates[which] = {size_of(remainder), remainder < 0, 1 + confidence};

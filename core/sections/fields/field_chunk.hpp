@@ -25,8 +25,8 @@ constexpr int most_field_levels = 8;
 // Number of kinds of values: 0 is a finite number, 1 not a number, 2 infinity, 3 minus infinity.
 constexpr int field_kinds = 4;
 
-// Encode values of shape (frames, rows, components). kinds: the kind of each value; empty if all are finite. Of a value
-// that is not finite only the kind is kept.
+// Encode values of shape (frames, rows, components). kinds: the kind of each value; empty if all are finite. Values
+// that are not finite are reduced to their kind.
 std::vector<u8> encode_field_chunk(const FieldRows &rows, std::span<const i64> values, std::span<const u8> kinds,
                                    i64 frames, int components, FieldCoding coding);
 

@@ -11,7 +11,8 @@ namespace pdeanim {
 
 // The context of a remainder: known data around it.
 struct RemainderContext {
-    // The remainder that a value which may return would have. There is no candidate if the confidence is 0.
+    // The remainder of the value under the assumption that an earlier value returns. There is no candidate if the
+    // confidence is 0.
     struct Candidate {
         i64 size = 0;
         bool is_negative = false;

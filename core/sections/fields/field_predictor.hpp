@@ -14,7 +14,7 @@ constexpr i64 largest_field_prediction = 2 * largest_field_value;
 
 using FieldPredictor = LearningPredictor<6, largest_field_prediction>;
 
-// For each context, the value that followed it last, and how often in a row that was right.
+// For each context, the value that followed it last, and how often in a row that value was right.
 class FollowerTable {
 public:
     static constexpr int most_confidence = 7;

@@ -28,7 +28,7 @@ void link_vertices(const ConnectivityView &object, i64 first, Links &links) {
     link_vertices(view_of(inner), first, links);
 }
 
-// Of several solids on a side, each is a neighbour of the one before.
+// If several solids share a side, each is a neighbour of the one before.
 void link_cells(const ConnectivityView &object, i64 first, Links &links) {
     const CellSides sides = sides_of_solids(object);
     std::vector<i32> before(sides.corners.first.size(), -1);  // the latest cell on a side
@@ -39,7 +39,7 @@ void link_cells(const ConnectivityView &object, i64 first, Links &links) {
     }
 }
 
-// Link faces that share an edge. Of several faces on one edge, each is a neighbour of the one before.
+// Link faces that share an edge. If several faces share an edge, each is a neighbour of the one before.
 void link_faces(const ConnectivityView &object, i64 first, Links &links) {
     struct Side {
         i32 low, high;
@@ -83,8 +83,8 @@ void link_corners(const ConnectivityView &object, i64 first, Links &links) {
 }  // namespace
 
 u64 FieldRows::building_bytes(Domain domain, std::span<const ConnectivityView> objects) {
-    // Memory per row of tables that grow by doubling, and per link of the links and of the edges or sides that they are
-    // made from.
+    // Memory per row of tables that grow by doubling; and per link, of the links and of the edges or sides from which
+    // they are made.
     constexpr u64 bytes_per_row = 2 * (sizeof(i64) + most_neighbours * sizeof(i32));
     // Sides of solids and borders of the inner ones, both of which grow: fewer than nodes of solids.
     constexpr u64 bytes_per_node = 192;

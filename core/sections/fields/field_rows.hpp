@@ -1,4 +1,4 @@
-// The rows of a field (vertices, faces, corners, objects or cells), their order, and which rows help to predict others.
+// The rows of a field (vertices, faces, corners, objects or cells), their order, and the rows that predict each row.
 #pragma once
 
 #include <array>
@@ -29,7 +29,7 @@ struct FieldRows {
     }
 
     std::vector<i64> starts;      // where the neighbours of each row start
-    std::vector<i32> neighbours;  // of each row, rows before it, the latest first, at most `most_neighbours`
+    std::vector<i32> neighbours;  // earlier rows near each row, the latest first, at most `most_neighbours`
 };
 
 }  // namespace pdeanim

@@ -1,8 +1,8 @@
 // Codes the residuals of predicted grid coordinates.
 //
 // A residual is coded as its length, which is its number of digits. The coder begins with the length that the
-// neighbours' residuals make likely and goes up or down from there; each decision mixes three models. Then come the
-// digits after the leading one, and the sign. For shapes that repeat themselves, such as the rings of a regular tube, a
+// neighbours' residuals make likely and goes up or down from there; each decision mixes three models. The digits after
+// the leading one follow, then the sign. For shapes that repeat themselves, such as the rings of a regular tube, a
 // match model first proposes a residual.
 #pragma once
 

@@ -14,7 +14,7 @@ namespace pdeanim {
 
 namespace {
 
-// Welds: vertices that lie on the same point. Welding turns seams and loose polygons into connected surfaces again.
+// Welds: coincident vertices. Welding turns seams and loose polygons into connected surfaces again.
 //
 // Vertices are visited polygon by polygon, then the remaining ones. For each vertex, it is coded whether it lies on a
 // known point, and on which: the first candidates are the points that would close a gap in the surface, then the latest
@@ -24,8 +24,9 @@ constexpr int most_followed = 16;  // corners of a point that are examined, even
 constexpr int most_recent = 64;    // latest corners that are examined
 constexpr int most_digits = 31;    // digits of the difference of two point numbers
 constexpr int places = 4, ranks = 8;
-constexpr int histories = 16;                      // whether each of the last four vertices lay on a known point
-constexpr int most_classes = 16, class_turns = 4;  // sets of tied vertices of a point: examined; with own models
+constexpr int histories = 16;  // whether each of the last four vertices lay on a known point
+// Largest numbers of sets of tied vertices per point: that are examined, and that have their own models.
+constexpr int most_classes = 16, class_turns = 4;
 
 template <Mode mode> class WeldCoder {
 public:
@@ -174,10 +175,11 @@ private:
     const CornerTable &corners_;
     std::vector<i32> &point_of_, &ties_;
     std::vector<bool> is_met_;
-    std::vector<i32> latest_;          // the latest corner at each point, or -1
-    std::vector<i32> earlier_;         // for each corner, the previous one at the same point
-    std::vector<bool> edge_met_;       // whether another polygon has the edge from each corner, in the other direction
-    std::vector<i32> tried_, within_;  // of each point: the last corner that tried it; the last polygon that has it
+    std::vector<i32> latest_;     // the latest corner at each point, or -1
+    std::vector<i32> earlier_;    // for each corner, the previous one at the same point
+    std::vector<bool> edge_met_;  // whether another polygon has the edge from each corner, in the other direction
+    // For each point, the last corner that tried it, and the last polygon that has it.
+    std::vector<i32> tried_, within_;
     // Sets of tied vertices, named by the vertex visited first: the latest set at each point, and for each set the one
     // before.
     std::vector<i32> latest_class_, earlier_class_;

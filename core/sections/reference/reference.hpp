@@ -1,8 +1,8 @@
 // Section REST without its header: the reference frame's grid coordinates, predicted across the faces.
 //
-// Vertices that lie on the same point may be welded for this purpose: then there is a surface across seams and between
-// loose polygons. Residuals may be predicted by earlier ones, because regular shapes repeat themselves. The encoder
-// takes the combination with the fewest bytes.
+// Coincident vertices may be welded for prediction, so that there is a surface across seams and between loose polygons.
+// Residuals may be predicted by earlier ones, because regular shapes repeat themselves. The encoder takes the
+// combination with the fewest bytes.
 //
 // This folder codes section REST (7 of the specification). Begin here: reference.cpp has the kinds and the welds,
 // predictor.cpp the prediction of a vertex and its weights, point_model.hpp the context models of residuals.
@@ -34,9 +34,8 @@ namespace pdeanim {
 
 using Vector = std::array<i64, 3>;
 
-constexpr int most_corners = 16;  // corners per vertex that are used: few have more, and sums stay far from overflow
-// Fractional digits of predictions: how small residuals turn out depends on where between two grid points a prediction
-// lies.
+constexpr int most_corners = 16;  // corners per vertex that are used; few have more, and sums stay far from overflow
+// Fractional digits of predictions. Residuals are smaller if a prediction's position between two grid points is known.
 constexpr int fraction_bits = 4;
 constexpr int smooth_bits = 6;  // fraction digits of smoothed grid coordinates
 constexpr int grid_bits = 40;   // grid coordinates are 0 to 2^40 - 1
@@ -86,7 +85,7 @@ private:
     const CornerTable &corners_;
     std::vector<Point> points_;
     std::vector<u8> is_known_;        // bytes, not bits of a struct: most vertices are asked only for this
-    i32 last_ = -1, last_seed_ = -1;  // previous vertex, and the last one without known neighbours
+    i32 last_ = -1, last_seed_ = -1;  // previous vertex, and previous vertex without known neighbours
     Vector seed_errors_{};            // running mean of absolute residuals of vertices without known neighbours [1/16]
 };
 
@@ -131,11 +130,11 @@ struct Smoothing {
     SmoothingWeights weights{};
     std::vector<i32> point_of;  // welded point of each vertex: smoothing works across welds; empty without welds
     std::vector<Vector> grid;   // coordinates of the smoothed frame [1/64 steps]
-    double error_ratio = 1.0;   // rms error of the smoothed frame divided by that of the frame
+    double error_ratio = 1.0;   // rms error of the smoothed frame divided by that of the frame before smoothing
 };
 
-// Choose the smoothing of a frame; nothing if smoothing brings it hardly closer to the wanted positions. wanted: of
-// each vertex [steps]. Vertices with equal positions are welded.
+// Choose the smoothing of a frame; nothing if smoothing hardly brings it closer to the wanted positions. wanted:
+// coordinates of each vertex [steps]. Vertices with equal positions are welded.
 std::optional<Smoothing> smooth_reference(const Polygons &mesh, std::span<const Vector> grid,
                                           std::span<const std::array<double, 3>> wanted, Ties ties);
 

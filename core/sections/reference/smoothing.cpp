@@ -20,7 +20,7 @@ constexpr double largest_smoothing = 127.0;
 // Smallest magnitude of the Laplacian in each class but the first [1/64 steps].
 constexpr std::array<i64, smoothing_classes - 1> class_sizes = {16, 32, 48, 64, 96, 160};
 
-// Largest ratio of errors, with smoothing to without, at which the weights are worth their bytes.
+// Largest ratio of the errors with and without smoothing at which the weights are worth their bytes.
 constexpr double worthwhile_ratio = 0.97;
 
 struct Neighbours {

@@ -162,7 +162,7 @@ template <Mode mode> void ResidualModel<mode>::code_patch(std::size_t patch) {
     counts_[patch + 2] = so_far;
 }
 
-// Code which places of a span have a residual, and the residuals; return how many do.
+// Code the places of a span that have a residual, and the residuals; return their number.
 template <Mode mode> i64 ResidualModel<mode>::code_span(i64 begin, i64 end, int own) {
     const i64 first = at_;
     for (i64 place = begin; place < end; ++place) {

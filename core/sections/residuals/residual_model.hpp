@@ -63,13 +63,13 @@ private:
 // and those of the previous places.
 using StepPredictor = LearningPredictor<5, largest_residual>;
 
-// Which vertices of which frames have a residual, and the residuals.
+// The residuals of all frames, and the vertices that have them.
 //
-// Frame after frame and patch after patch, this is coded: whether any vertex of the patch has a residual, whether any
-// of a span of eight places has one, which places have, then the three numbers of each. If few vertices have residuals,
-// the bits of the patches tell most of this. If nearly all have one, these bits cost next to nothing, and the numbers matter:
-// they may be predicted. A frame is predicted from its reference, which is usually the frame before, or in cyclic
-// motion the frame one cycle earlier.
+// The order is frame after frame and patch after patch: whether any vertex of the patch has a residual, whether any of
+// a span of eight places has one, which places have, then the three numbers of each. If few vertices have residuals,
+// most of them follow from the bits of the patches. If nearly all have one, these bits cost next to nothing, and the
+// numbers matter, which may be predicted. A frame is predicted from its reference, which is usually the frame before,
+// or in cyclic motion the frame one cycle earlier.
 template <Mode mode> class ResidualModel {
 public:
     // Residuals are read when encoding, and appended when decoding; `count` is their total number.
@@ -77,11 +77,11 @@ public:
     ResidualModel(RangeCoder<mode> &coder, std::span<const i64> patches, bool is_predicted, Values &residuals,
                   i64 count);
 
-    // Code the residuals of `frames` frames. distances: to the reference of each frame, read when encoding.
-    // CorruptError if the bytes are impossible.
+    // Code the residuals of `frames` frames. distances: for each frame, how many frames before it its reference lies;
+    // read when encoding. CorruptError if the bytes are impossible.
     void code(i64 frames, std::span<const i64> distances);
 
-    // Begin with the first frame again, for other places. Only models of single places are reset.
+    // Start again with the first frame, for other places. Only models of single places are reset.
     void begin_again();
 
 private:

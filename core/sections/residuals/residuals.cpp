@@ -13,7 +13,7 @@ namespace pdeanim {
 
 namespace {
 
-constexpr std::size_t most_samples = 64;  // places at which frames are compared: enough to tell a cycle from chance
+constexpr std::size_t most_samples = 64;  // places at which frames are compared; enough to distinguish a cycle
 constexpr i64 small_number = 1 << 20;     // if all residuals are below this, sums over all samples stay within 32 bits
 constexpr i64 raw_vertex_bytes = 12;      // smallest size of a raw vertex in a stream; the last may be shortened
 
@@ -55,7 +55,7 @@ private:
     CountedModel frames_, places_;
 };
 
-// copies: measure the bits of this many times as many residuals, all like these.
+// copies: measure the bits of this many times as many residuals of this kind.
 template <Mode mode> void write(RangeCoder<mode> &coder, const Residuals &residuals, std::span<const i64> patches,
                                 const ResidualCoding &coding, [[maybe_unused]] double copies = 1.0) {
     const i64 count = static_cast<i64>(residuals.places.size());

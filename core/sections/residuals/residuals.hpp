@@ -1,4 +1,4 @@
-// Section CORR: corrections of single vertices at single frames, so that the bound holds.
+// Section CORR: corrections of single vertices at single frames, which keep the bound.
 //
 // A vertex is identified by its place in the order of the patches: errors cluster in space as they do in time, and the
 // coder uses both. A residual is three whole numbers of steps. If even that misses the bound, the vertex is stored raw,
@@ -64,7 +64,7 @@ std::vector<i64> reference_distances(const Residuals &residuals);
 std::vector<u8> encode_residuals(const Residuals &residuals, std::span<const i64> patches,
                                  const ResidualCoding &coding);
 
-// Measure the size of such a chunk [bits]. copies: how many times as many residuals there are as in the sample.
+// Measure the size of such a chunk [bits]. copies: ratio of the number of residuals to that in the sample.
 double measure_residuals(const Residuals &residuals, std::span<const i64> patches, const ResidualCoding &coding,
                          double copies = 1.0);
 

@@ -13,12 +13,12 @@ namespace pdeanim {
 
 namespace {
 
-// The second pass is skipped for a column if at least this fraction of its squared norm is left after the first pass:
-// then little more than one binary digit was lost.
+// The second pass is skipped for a column if at least this fraction of its squared norm is left after the first pass,
+// because then little more than one binary digit was lost.
 constexpr double once_is_enough = 0.125;
 
-// If the new part of a unit vector is below this fraction of the threshold, the vector is dropped, however it is
-// computed.
+// If the new part of a unit vector is below this fraction of the threshold, every decoder drops the vector, however it
+// computes.
 constexpr double certainly = 0.5;
 
 void grow(AlignedArray<double> &numbers, i64 size) {
@@ -48,7 +48,7 @@ void OrthonormalFunctions::take_away(std::span<Column *const> columns, i64 first
     for (Column *own : columns) own->left = squared_norm(own->values);
 }
 
-// Subtract components along the first `end` functions a second time, from those columns of which little was left.
+// Subtract components along the first `end` functions a second time, from columns of which little was left.
 void OrthonormalFunctions::take_away_again(std::span<Column *const> columns, i64 end) {
     std::array<Column *, columns_at_once> again;
     std::size_t count = 0;
@@ -74,7 +74,7 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
     std::array<i64, columns_at_once> added;
     added.fill(-1);
     for (i64 begin = 0, end = 0; begin < columns && !is_complete(); begin = end) {
-        // Take no more columns than could be added if none were dropped.
+        // Take at most as many columns as could be added if none were dropped.
         end = least(columns, begin + missing());
         const std::span<Column *const> some{all.data() + begin, all.data() + end};
         take_away(some, first, known);
@@ -93,8 +93,8 @@ std::array<i64, OrthonormalFunctions::columns_at_once> OrthonormalFunctions::add
 
 void OrthonormalFunctions::note_nearest(double left) { nearest = std::min(nearest, std::abs(left - 1.0)); }
 
-// Normalise the rest of a column and add it as a function, unless too little is left. Return the index of the function,
-// or -1.
+// Normalise the remainder of a column and add it as a function, unless it is too small. Return the index of the
+// function, or -1.
 i64 OrthonormalFunctions::keep(const Column &column, double share) {
     if (share > 0.0) {
         const double least_left = share * column.before;
@@ -138,7 +138,7 @@ constexpr int turn_bits = 30;         // fraction bits of sines and cosines
 constexpr int uncorrelated_bits = 8;  // coordinates are rotated if their squared correlation exceeds 2^-8
 constexpr i64 floor_moment = 16;   // added to the moments that are compared: rounding errors then count as uncorrelated
 constexpr int most_sweeps = 8;     // sweeps of rotations; three or four are enough
-constexpr int thinnest_bits = 20;  // coordinates with less than 2^-20 of all sums of squares are only rounding errors
+constexpr int thinnest_bits = 20;  // coordinates with less than 2^-20 of the sum of squares are rounding errors
 
 using Axis = std::vector<i64>;
 
@@ -220,9 +220,9 @@ int LocalCoordinates::locate(std::span<const GridPoint> grid, std::span<const i3
 
 namespace {
 
-// Fraction of the squared norm that must be new, else a column is dropped: a polynomial, a function along a piece, a
-// unit vector. That of unit vectors is below 1 / points, so they always complete the space of a patch. Functions along
-// a piece are kept unless they are only rounding errors.
+// Fraction of the squared norm that must be new, else a column is dropped: for a polynomial, a function along a piece,
+// a unit vector. The fraction for unit vectors is below 1 / points, so that they always complete the space of a patch.
+// Functions along a piece are kept unless they are only rounding errors.
 constexpr std::array<double, sort_count> usual_shares = {0x1p-12, 0x1p-40, 0x1p-12};
 
 }  // namespace

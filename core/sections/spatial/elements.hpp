@@ -1,10 +1,10 @@
 // Elements (patches of a mesh or pieces of its curves) and the orthonormal functions on each.
 //
 // The four affine functions 1, x, y and z come first, then polynomials of local coordinates by degree, or the functions
-// of Eqs. 14 and 16 along a piece, then unit vectors. How many there are is in the file (`SpaceLayout`).
+// of Eqs. 14 and 16 along a piece, then unit vectors. The file gives their number (`SpaceLayout`).
 //
 // A polynomial is made by multiplying an orthonormal one by a coordinate (Brubeck, Nakatsukasa and Trefethen 2021,
-// "Vandermonde with Arnoldi"): little of it cancels then, even if powers of coordinates are nearly dependent.
+// "Vandermonde with Arnoldi"): this cancels few digits, even if powers of coordinates are nearly dependent.
 #pragma once
 
 #include <array>
@@ -24,11 +24,11 @@ namespace pdeanim {
 
 // Orthonormal functions on the points of an element, made a few at a time.
 //
-// This is Gram-Schmidt with a second pass for columns of which much cancels, which is as orthogonal as rounding allows
-// (Giraud, Langou and Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization process").
-// Products with the first functions are left out if they are known to be only rounding errors; the error of leaving
-// them out grows with the degree, to 1e-8 at worst. The functions are floating-point numbers. Only one decision depends
-// on them, whether a column is dropped, and the encoder keeps well away from its threshold (`nearest`).
+// This is Gram-Schmidt with a second pass for columns that lose many digits to cancellation, which is as orthogonal as
+// rounding allows (Giraud, Langou and Rozloznik 2005, "The loss of orthogonality in the Gram-Schmidt orthogonalization
+// process"). Products with the first functions are left out if they are known to be only rounding errors; the error of
+// leaving them out grows with the degree, to 1e-8 at worst. The functions are floating-point numbers. Only one decision
+// depends on them, whether a column is dropped, and the encoder keeps well away from its threshold (`nearest`).
 class OrthonormalFunctions {
 public:
     static constexpr i64 columns_at_once = 8;
@@ -58,7 +58,8 @@ public:
     bool add(double share) { return add(1, share, 0)[0] >= 0; }
 
     // Add unit vectors, point after point, until no function is missing. If `share` is below 1 / points, this always
-    // succeeds: as long as a function is missing, some point has not been tried or has more than `share` to add.
+    // succeeds: as long as a function is missing, more than `share` of some point's unit vector is new, or a point is
+    // untried.
     void add_unit_vectors(double share);
 
     // Set the missing functions to zero.
@@ -80,7 +81,7 @@ private:
     void take_away_again(std::span<Column *const> columns, i64 end);
     i64 keep(const Column &column, double share);
 
-    // left: the new part of a column divided by the deciding part.
+    // left: the new part of a column divided by the threshold.
     void note_nearest(double left);
 
     i64 points_ = 0, most_ = 0, count_ = 0;
@@ -91,11 +92,10 @@ private:
 // Local coordinates of an element: relative to its mean, along its principal axes, the widest first.
 //
 // One-sided Jacobi rotations in integers find the axes, so every machine finds the same. Coordinates that are nearly
-// uncorrelated are not rotated: axes of equal width have no direction of their own, and rounding errors would choose
-// another one for every element.
+// uncorrelated are not rotated: axes of equal width have no preferred direction, so rounding errors would choose a
+// different one for every element.
 struct LocalCoordinates {
-    // Find the coordinates of some vertices; return how many of these coordinates, from the first, are more than
-    // rounding errors.
+    // Find the local coordinates of some vertices; return how many of them, from the first, exceed rounding errors.
     int locate(std::span<const GridPoint> grid, std::span<const i32> vertices);
 
     std::array<std::vector<i64>, 3> axes;

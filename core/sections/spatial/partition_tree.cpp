@@ -86,10 +86,11 @@ void PartitionTree::build_matrices(const Elements &elements, const std::vector<A
             }
         }
         functions.begin(size, size);
-        functions.nearest = std::numeric_limits<double>::infinity();  // the file stores the choice
+        // The file stores this choice, so that decoders need no threshold here.
+        functions.nearest = std::numeric_limits<double>::infinity();
         for (int c = 0; c < affine_count && !functions.is_complete(); ++c) {
             if (!chooses && !(masks[node] >> c & 1)) continue;
-            // Subtract the mean over the node: far from the origin, x would hardly differ from a constant.
+            // Subtract the mean over the node, because far from the origin x would hardly differ from a constant.
             double along = 0.0, square = 0.0;
             for (i64 k = 0; k < size; ++k) {
                 along += stacked[k][c] * stacked[k][0];

@@ -21,7 +21,7 @@ namespace pdeanim {
 //
 // An encoder examines some elements, and the nodes of the partition tree above them, as a sample of the whole mesh.
 struct SpaceSelection {
-    // subbands: ascending; the first one is that of the affine functions of the whole mesh.
+    // subbands: ascending; the first one is the subband of the affine functions of the whole mesh.
     SpaceSelection(const SpaceLayout &layout, std::span<const i64> subbands);
 
     bool has_element(i64 element) const { return element_rows[element] >= 0; }
@@ -41,11 +41,11 @@ public:
     // functions of the first half, then of the second.
     using Matrix = std::array<std::array<double, most_functions>, most_functions>;
 
-    // sums: those of the affine functions of each element.
+    // sums: sums over the affine functions of each element.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums,
                   std::shared_ptr<const SpaceLayout> layout);
 
-    // Choose the functions that nodes keep, too. local: number of local coordinates of each element.
+    // Also choose the functions that nodes keep. local: number of local coordinates of each element.
     PartitionTree(const Elements &elements, const std::vector<AffineSums> &sums, std::vector<u8> local);
 
     const std::shared_ptr<const SpaceLayout> &layout() const { return layout_; }

@@ -19,7 +19,7 @@ constexpr int space_functions = 8;  // functions along a curve (Eqs. 14 and 16)
 std::vector<double> series_functions(std::span<const double> points, double rate, int order);
 
 // Return the parameter u in [-1, 1] along each piece, by the arc length of the reference frame. If all points of a
-// piece coincide, it is by index; for a piece of one point it is 0. Pieces follow each other in `order`, each beginning
+// piece coincide, u is by index; for a piece of one point it is 0. Pieces follow each other in `order`, each beginning
 // at one of `starts`.
 std::vector<double> arc_length_parameters(std::span<const GridPoint> grid, std::span<const i32> order,
                                           std::span<const i64> starts);

@@ -1,6 +1,6 @@
 // Space bases: orthonormal functions of the reference frame on elements, joined upwards over the whole mesh.
 //
-// The number and kind of functions is in the file (`SpaceLayout`). The values of the functions are floating-point
+// The file gives the number and kind of the functions (`SpaceLayout`). The values of the functions are floating-point
 // numbers, and a decoder may compute them in any way: see `SpaceForm::threshold`.
 //
 // This folder makes the functions of space (9, 10 and 11 of the specification). Begin here; then space_layout counts
@@ -23,7 +23,7 @@ namespace pdeanim {
 
 class SpaceBasis {
 public:
-    // grid: of the reference frame; it must outlive the basis.
+    // grid: grid coordinates of the reference frame, which must outlive the basis.
     SpaceBasis(std::shared_ptr<const SpaceLayout> layout, std::span<const GridPoint> grid, int threads);
 
     // Build the basis and choose its layout.
@@ -36,8 +36,7 @@ public:
     i64 functions() const { return layout().functions(); }
     const SpaceLayout &layout() const { return *tree_.layout(); }
 
-    // Make all functions of all elements, for an encoder. A decoder makes only the functions that it needs, when it
-    // needs them.
+    // Make all functions of all elements, for an encoder. A decoder makes functions only on request.
     void make_functions(int threads);
 
     // Return an element's functions from `make_functions`, one after the other; empty before that call.

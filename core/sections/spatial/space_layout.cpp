@@ -25,8 +25,8 @@ template <Mode mode> void code_local(RangeCoder<mode> &coder, std::vector<u8> &l
     }
 }
 
-// Code which of 1, x, y and z the nodes keep, from the leaves upwards. affine: number of affine functions of each node;
-// that of elements must be set, that of other nodes is written.
+// Code which of 1, x, y and z the nodes keep, from the leaves upwards. affine: number of affine functions of each node,
+// which must be set for elements and is written for other nodes.
 template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<i64> &children,
                                      std::vector<i64> &affine, std::vector<u8> &masks) {
     std::array<std::array<BitModel, affine_count>, 3> models;  // contexts: number of full halves, axis
@@ -35,7 +35,7 @@ template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<
         if (half < 0) continue;
         const i64 size = affine[half] + affine[half + 1];
         const int full = (affine[half] == affine_count) + (affine[half + 1] == affine_count);
-        // The constant is kept always.
+        // The constant is always kept.
         u8 mask = size > 0;
         i64 count = mask;
         for (int c = 1; c < affine_count; ++c) {
@@ -108,7 +108,7 @@ SpaceLayout SpaceLayout::of_bytes(const SpaceForm &form, std::shared_ptr<const P
 std::vector<u8> SpaceLayout::to_bytes() const {
     RangeCoder<Mode::encode> coder;
     std::vector<u8> local = local_, masks = masks_;
-    std::vector<i64> affine = affine_;  // measuring does not change them
+    std::vector<i64> affine = affine_;  // a copy, so that measuring does not change the layout
     code_local(coder, local);
     code_masks(coder, patches_->children, affine, masks);
     return coder.finish();

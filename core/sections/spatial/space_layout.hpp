@@ -33,7 +33,7 @@ struct SpaceForm {
 // as degree two: there is less to describe across a surface than along it. Within a degree, higher powers of the first
 // coordinate come first, then of the second.
 constexpr int affine_count = 4;
-constexpr int largest_degree = 10;  // beyond it, unit vectors take over
+constexpr int largest_degree = 10;  // for higher degrees, unit vectors are used
 constexpr int normal_degree = 2;    // degree of a factor of the third coordinate
 
 // How a polynomial is made from an earlier one.
@@ -84,8 +84,8 @@ inline constexpr std::array<Polynomial, polynomial_count> polynomials = [] {
     return found;
 }();
 
-// Subbands: functions that are coded together. Those of the whole mesh, the wavelets of a node, or the other functions
-// of an element.
+// Subbands: functions that are coded together. A subband has the functions of the whole mesh, the wavelets of a node,
+// or the other functions of an element.
 struct SubbandTable {
     std::vector<i64> starts;   // first function of each subband, then the number of functions
     std::vector<i64> kinds;    // 0: whole mesh; a node's depth, from 1 on; or -1 - affine functions of an element
@@ -133,7 +133,8 @@ public:
     i64 others(i64 element) const { return coefficient_starts_[element + 1] - coefficient_starts_[element]; }
     const std::vector<i64> &coefficient_starts() const { return coefficient_starts_; }
 
-    // Return the index at which an element's functions would begin if its affine ones came right before the others.
+    // Return the index at which an element's functions would begin if its affine functions came right before the
+    // others.
     i64 first_function(i64 element) const { return coefficient_starts_[element] - affine(element); }
 
     // Return the index of a node's first wavelet.

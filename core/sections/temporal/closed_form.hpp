@@ -21,8 +21,8 @@ public:
 
     using Weights = std::array<double, most_functions>;
 
-    // times: of the frames [s]; alpha: rate of Eq. 12 over half the length of the group; functions: how many, at most 4
-    // and at most as many as frames.
+    // times: times of the frames [s]; alpha: rate of Eq. 12 over half the length of the group; functions: their number,
+    // at most 4 and at most the number of frames.
     ClosedForm(std::span<const double> times, double alpha, i64 functions);
 
     // Return the functions at a time, or their first or second derivative [1 / s^derivative].

@@ -7,8 +7,8 @@ namespace pdeanim {
 
 namespace {
 
-// Number of previous frames that predict. With eight, functions of one bit per number would shrink by 3 %, those of two
-// bits or more not at all.
+// Number of previous frames that predict. With eight, functions of one bit per number would take 3 % fewer bits, those
+// of two bits or more just as many.
 constexpr int order = 4;
 // Factor by which the uncertainty of the weights grows with each number: about 170 frames of three axes are remembered.
 constexpr double forgetting = 1.0 + 1.0 / 512.0;

@@ -20,9 +20,9 @@ namespace {
 // starts at the one that neighbours (in time or frequency, among axes, among functions) make likely, and goes up or
 // down from there, so large numbers take few decisions.
 
-// Exponent e stands for magnitudes 2^e - 1 to 2^(e + 1) - 2. The limit keeps all sums below within 64 bits.
+// Exponent e stands for magnitudes 2^e - 1 to 2^(e + 1) - 2. The limit keeps all sums in this file within 64 bits.
 constexpr int most_exponent = 39;
-// Number of exponents that are distinguished; larger ones share the last: numbers beyond 65534 are rare.
+// Number of exponents that are distinguished; larger ones share the last, because numbers beyond 65534 are rare.
 constexpr int exponents = 16;
 // Decisions on a number: is its exponent larger? smaller? what is the digit after the leading one?
 enum Decision { rise = 0, fall = exponents, top_bit = 2 * exponents, decisions = 3 * exponents };

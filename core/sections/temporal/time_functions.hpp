@@ -1,9 +1,9 @@
 // Stored functions of time (a chunk of section TIME): trajectories and shapes, one value per frame and axis.
 //
-// An encoder takes the cheapest of three methods. Motion without a rhythm, including sudden starts, is predicted from
-// frame to frame. Motion that swings or repeats is a sum of cosines. Motion between keyframes is a polyline, stored as
-// changes of speed, nearly all of which are zero. Each method leaves whole numbers, mostly small, which are coded in
-// the same way.
+// An encoder takes the cheapest of three methods. Irregular motion, including sudden starts, is predicted from frame to
+// frame. Motion that swings or repeats is a sum of cosines. Motion between keyframes is a polyline, stored as changes
+// of speed, nearly all of which are zero. Each method leaves whole numbers, mostly small, which are coded in the same
+// way.
 //
 // This folder codes section TIME (13 of the specification). Begin here: time_functions.cpp has the stream and its
 // context models, prediction.cpp and time_methods.cpp the three methods, closed_form the functions of Eq. 12, which are
@@ -83,8 +83,8 @@ std::vector<double> transformed_values(const TimeShape &shape, std::span<const i
 // Return the values for changes of speed: sums of sums, which wrap at 64 bits.
 std::vector<double> values_along_lines(const TimeShape &shape, std::span<const i64> quantised, double step);
 
-// Return changes of speed for wanted values [steps], function after function. Each line is as long as it stays within a
-// tolerance of at least half a sixteenth. There is at least one frame.
+// Return changes of speed for wanted values [steps], function after function. Each line is as long as it keeps the
+// tolerance, which is at least half a sixteenth. There is at least one frame.
 std::vector<i64> quantise_straight(const TimeShape &shape, std::span<const double> wanted, double tolerance);
 
 }  // namespace pdeanim

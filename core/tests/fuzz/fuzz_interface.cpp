@@ -31,7 +31,7 @@ Call call_at(const std::uint8_t *data) {
     Call call{.what = data[0], .quantity = data[1]};
     std::memcpy(&call.number, data + 2, sizeof call.number);
     std::memcpy(&call.time, data + 2 + sizeof call.number, sizeof call.time);
-    if (call.what & 0x80) call.number %= 4;  // usually the number of something that exists
+    if (call.what & 0x80) call.number %= 4;  // usually the number of an existing item
     return call;
 }
 
@@ -108,7 +108,7 @@ void look_at_object(pdeanim_animation *animation, const Call &call) {
     check(pdeanim_get_attribute(animation, call.quantity % 4, call.number, &attribute, &error));
 }
 
-// Evaluate a field at one time; and with a size that does not fit, which must be refused.
+// Evaluate a field at one time; then with a size that does not fit, which must be refused.
 void look_at_field(pdeanim_animation *animation, const Call &call) {
     pdeanim_error error;
     pdeanim_field field;

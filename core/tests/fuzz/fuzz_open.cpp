@@ -1,4 +1,5 @@
-// A target of libFuzzer: opens the input bytes as a file, and requests everything in it, within a small memory limit.
+// A target of libFuzzer: opens the input bytes as a file, and requests all of its contents, within a small memory
+// limit.
 //
 // If built with FUZZING_BUILD_MODE_UNSAFE_FOR_PRODUCTION, checksums are not compared, so that damaged bytes reach the
 // decoders.

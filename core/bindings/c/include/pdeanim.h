@@ -165,7 +165,8 @@ typedef struct pdeanim_object {
     /* Number of corners of each face; then the vertex of each corner, face after face. Vertices count from 0 in each
      * object. */
     const int32_t *face_sizes, *face_indices;
-    const int32_t *line_sizes, *line_indices; /* the same for lines; a line with a single point draws a point */
+    /* Likewise the points of each line and the vertex of each point. A line with a single point draws a point. */
+    const int32_t *line_sizes, *line_indices;
 } pdeanim_object;
 
 /* Get the name and the topology of an object. */
@@ -184,8 +185,8 @@ typedef enum pdeanim_shape {
     PDEANIM_HEXAHEDRON = 8
 } pdeanim_shape;
 
-/* The elements of a file that keeps solids, in the order of their source. The object's faces and lines are then what
- * one sees of them. */
+/* The elements of a file that keeps solids, in the order of their source. The object's faces and lines are then their
+ * visible sides and edges. */
 typedef struct pdeanim_cells {
     int64_t cell_count, node_count; /* number of cells, and of nodes of all cells; 0 if the file keeps no solids */
     const uint8_t *shapes;          /* a pdeanim_shape for each cell */
