@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test test-all long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist amalgamation docs vectors wasm clean
+.PHONY: demo test test-all test-plugins long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist amalgamation docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -38,6 +38,11 @@ test-all: test exactness races
 # Tests that take minutes and print what they measured: kills, full disks, threads, the worst files of each section.
 long: $(READY)
 	$(BIN)/python -m pytest -m long -n 0
+
+# Plug-ins in the programs that they are for, as far as those are installed for PLUGINS_PYTHON or in the path.
+PLUGINS_PYTHON ?= $(BIN)/python
+test-plugins: $(INSTALLED)
+	$(PLUGINS_PYTHON) -m pytest -n 0 tests/plugins
 
 # The decoder under the sanitizers: misuse of the C interface, all vectors and MUTANTS damaged ones; with the system's
 # compiler alone.

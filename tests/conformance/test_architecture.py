@@ -24,7 +24,7 @@ FACADES = {"pdecodec/__init__.py", "pdecodec/__main__.py", "pdecodec/dask.py"}
 PYTHON_LAYERS = (
     *("pdecodec/errors.py", "pdecodec/system", "pdecodec/mesh", "pdecodec/simulate"),
     *("pdecodec/codec/sections", "pdecodec/codec", "formats/base", "formats"),
-    *("player", "batch", "report", "research", "cli"),
+    *("player", "batch", "report", "research", "cli", "plugins"),
 )
 """Folders and files of the package: each may import from itself and from those before it."""
 
@@ -34,14 +34,18 @@ CORE_LAYERS = (
 )
 """Folders of the core: each may include from itself and from those before it."""
 
-INSTALLED_INSIDE = ("batch", "cli", "formats", "player", "report", "research")
-"""Folders at the root that are installed in the package `pdecodec`."""
+INSTALLED_INSIDE = (
+    *("batch", "cli", "formats", "player", "report", "research"),
+    *("plugins/ecosystem", "plugins/paraview"),
+)
+"""Folders that are installed in the package `pdecodec`, by their own names."""
 
 
 def module_name(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts
+    inside = next((folder for folder in INSTALLED_INSIDE if path.is_relative_to(ROOT / folder)), None)
+    parts = path.relative_to((ROOT / inside).parent if inside else ROOT).with_suffix("").parts
     parts = parts[:-1] if parts[-1] == "__init__" else parts
-    return ".".join(("pdecodec", *parts) if parts[0] in INSTALLED_INSIDE else parts)
+    return ".".join(("pdecodec", *parts) if inside else parts)
 
 
 def imported_names(source: str, modules: dict[str, str]) -> Iterator[str]:
@@ -128,6 +132,13 @@ def test_dependencies_point_one_way(imports: Imports, layers: tuple[str, ...]) -
         if file not in FACADES and layer(other, layers) > layer(file, layers)
     ]
     assert upwards == []
+
+
+def test_plugins_use_public_names_alone_and_nothing_needs_them() -> None:
+    for file, others in PYTHON.items():
+        folder = "/".join(file.split("/")[:2])
+        for other in others:
+            assert folder in other or not (file.startswith("plugins/") or other.startswith("plugins/")), (file, other)
 
 
 def test_the_plain_decoder_imports_nothing_of_the_package() -> None:

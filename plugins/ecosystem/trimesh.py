@@ -1,0 +1,77 @@
+"""Load `.pdeanim` files in trimesh, which has no entry points: importing this module registers the format.
+
+>>> import trimesh, pdecodec.ecosystem.trimesh
+>>> scene = trimesh.load_scene("walk.pdeanim", time=0.5)
+"""
+
+from __future__ import annotations
+
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+from trimesh.exchange.load import mesh_loaders
+
+import pdecodec
+
+
+def load(file_obj: BinaryIO, file_type: str | None = None, *, time: float | None = None, **_: Any) -> dict[str, Any]:
+    """Return the objects of a `.pdeanim` file at one time, as arguments of a :class:`trimesh.Scene`.
+
+    Vertices keep their order; faces of more than three corners become fans of triangles, of which the face attribute
+    ``face`` names the face. Objects without faces are clouds of points. Fields on vertices and faces are vertex and
+    face attributes.
+
+    Parameters
+    ----------
+    file_obj : binary file
+        Open for reading.
+    file_type : str, optional
+        Not used: all loaders are called with it.
+    time : float, optional [s]
+        Any time within the clip. Default: that of the first frame.
+
+    Raises
+    ------
+    PdecodecError
+        If the file cannot be read.
+    """
+    with pdecodec.open_animation(file_obj) as animation:
+        at = float(animation.times[0] if time is None else time)
+        run = animation.run_at(at)
+        assert isinstance(run, pdecodec.Animation)
+        fields = {one.name: (one, run.field(one.name, at)) for one in run.fields if one.domain in ("vertex", "face")}
+        positions, start, geometry = run.positions(at), 0, {}
+        for index, item in enumerate(run.objects):
+            own = {
+                domain: {
+                    name: values[field.slices(run.objects)[index]]
+                    for name, (field, values) in fields.items()
+                    if field.domain == domain and field.row_counts(run.objects)[index]
+                }
+                for domain in ("vertex", "face")
+            }
+            found: dict[str, Any] = {"vertices": positions[start : start + item.vertex_count]}
+            start += item.vertex_count
+            if item.connectivity.face_count:
+                triangles, faces = _fans(item.connectivity)
+                of_faces = {name: values[faces] for name, values in own["face"].items()}
+                found |= {"faces": triangles, "process": False, "vertex_attributes": own["vertex"]}
+                found["face_attributes"] = {"face": faces, **of_faces}
+            geometry[item.name] = found
+        metadata = {"time": at, **animation.metadata}
+    nodes = [{"frame_to": name, "geometry": name} for name in geometry]
+    return {"geometry": geometry, "graph": nodes, "metadata": metadata}
+
+
+def _fans(mesh: pdecodec.Connectivity) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the triangles (n, 3) of the fans that polygons become, and the face of each."""
+    triangles = mesh.face_counts.astype(np.int64) - 2
+    faces = np.repeat(np.arange(mesh.face_count), triangles)
+    first = (np.cumsum(mesh.face_counts, dtype=np.int64) - mesh.face_counts)[faces]
+    place = np.arange(faces.size) - (np.cumsum(triangles) - triangles)[faces]
+    corners = mesh.face_indices.astype(np.int64)
+    return np.stack([corners[first], corners[first + place + 1], corners[first + place + 2]], axis=1), faces
+
+
+mesh_loaders["pdeanim"] = load
