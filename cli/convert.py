@@ -79,8 +79,10 @@ def _convert(
         job = job.with_frames(sequence, dry_run=dry_run)
         bound = (
             None
-            if (velocities and not rigid) or motion
-            else rigid_bound(whole, asked.scale, job.output, rigid, with_scene=scene == "keep")
+            if velocities and not rigid
+            else rigid_bound(
+                whole, asked.scale, job.output, rigid, with_scene=scene == "keep", has_motion=motion is not None
+            )
         )
         # Notices about materials and textures do not apply if OUT, a glTF file, keeps them.
         kept = getattr(whole, "notices_with_looks", whole.notices) if is_gltf(job.output) else whole.notices

@@ -261,9 +261,10 @@ class _Writing(_Part):
 
     def rigid_bound(self, source: MeshSequence, scale: float, output: str) -> float | None:
         """Return the bound within which objects count as rigid; None if rigid parts are not to be found."""
-        if self.onto is not None or self.velocities or self.motion:
+        if self.onto is not None or self.velocities:
             return None
-        return rigid_bound(source, scale, output, self.rigid, with_scene=self.scene == "keep")
+        has_motion, with_scene = self.motion is not None, self.scene == "keep"
+        return rigid_bound(source, scale, output, self.rigid, with_scene=with_scene, has_motion=has_motion)
 
     def outputs(self, output: str) -> list[str]:
         """Return the output for positions, and one for velocities if its format does not hold them."""

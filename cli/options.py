@@ -350,15 +350,23 @@ def check_growth(compare: str | None, fail_if_larger: float | None) -> None:
 
 
 def rigid_bound(
-    source: MeshSequence, scale: float, output: str, asked: bool | None, *, with_scene: bool
+    source: MeshSequence, scale: float, output: str, asked: bool | None, *, with_scene: bool, has_motion: bool
 ) -> float | None:
-    """Return the bound for ``--rigid``: that of the decoded file, scaled as its positions are [scene units]."""
+    """Return the bound for ``--rigid``: that of the decoded file, scaled as its positions are [scene units].
+
+    With ``--motion`` it is 0 if rigid objects are not to be nodes, else None.
+    """
     from pdecodec.codec.decoder import Animation
     from pdecodec.formats.base.opening import carries_scene_of
     from pdecodec.formats.base.registry import format_to_write
 
     entry = format_to_write(output)
-    is_unasked = asked is None and entry.finds_rigid_parts and not (with_scene and carries_scene_of(source, entry))
+    is_unasked = (
+        asked is None
+        and not has_motion
+        and entry.finds_rigid_parts
+        and not (with_scene and carries_scene_of(source, entry))
+    )
     if not (asked or is_unasked):
         return 0.0 if asked is False else None
     from pdecodec.codec.stored_choices import bound_of  # loads the encoder, which other outputs do not need

@@ -43,12 +43,14 @@ CONVENTIONS = """\
   of time, rounding adds up (to 5.8 degrees in the shared sequences): normals of such targets have 16 bits where 8 are
   more than 0.4 degrees off, and are at most 0.03 degrees off there. A note gives the error, and another one tells if a
   file is larger than its source; `--web` is `--quantize --meshopt --rigid`.
-- **Motion inside glTF.** With `--motion`, meshes that are not rigid have no targets: a `.pdeanim` file in a buffer view
-  moves them ([PDECODEC_mesh_motion](../spec/extension/README.md)), within `--tolerance` or `--max-error`. Vertices that
-  are together at all frames are welded in it; the glTF file's vertices and triangles stand in its order. So polygons
-  come back as triangles, vertices cut at seams stay cut, and their order is another one. With `--quantize --meshopt`,
-  the shape that other viewers show and UVs are rounded to 16 bits, and normals to 8; the motion keeps its bound. That
-  of a `.pdeanim` file is stored without encoding it again, unless a bound is given. We read these files like any other.
+- **Motion inside glTF.** With `--motion`, meshes that are not rigid have no targets: a `.pdeanim` file in a buffer
+  view moves them ([PDECODEC_mesh_motion](../spec/extension/README.md)), within `--tolerance` or `--max-error`.
+  Vertices that are together at all frames are welded in it; the glTF file's vertices and triangles stand in its
+  order. So polygons come back as triangles, vertices cut at seams stay cut, and their order is another one. Rigid
+  objects stay moving nodes; with `--no-rigid` the motion moves them, too, which often makes smaller files. With
+  `--web`, the shape that other viewers show is rounded to within 0.43 bounds, UVs to 1/4096 and normals to 8 bits;
+  the motion keeps its bound. That of a `.pdeanim` file is stored without encoding it again, unless a bound is given.
+  We read these files like any other.
 - **Materials of glTF**: `convert` from glTF to glTF keeps them with textures, images and extensions, by their names,
   and so does `decode --onto`. If several materials share a name, the first is used.
 - **Faces** run counterclockwise seen from outside; faces of Alembic and of left-handed USD meshes are reversed,

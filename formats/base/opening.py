@@ -236,8 +236,9 @@ def write_sequence(
         move rigidly to the last bits of float32. Default: in glTF the bound of a decoded animation, else 0.
     motion : EncodeSettings, optional
         glTF: instead of morph targets, store a `.pdeanim` file that moves the meshes (PDECODEC_mesh_motion), encoded
-        with these settings. Without a tolerance, that of an animation is stored without encoding it again. Vertices and
-        faces stand in another order, and faces are triangles. Viewers without the extension show the first frame.
+        with these settings. Without a tolerance, that of an animation is stored without encoding it again. Rigid
+        objects are moving nodes, unless `rigid` is 0 or an animation is stored. Vertices and faces stand in another
+        order, and faces are triangles. Viewers without the extension show the first frame.
     scene : {"keep", "drop"}
         Of an animation that carries its scene (cameras, materials, custom data) in this format: write the scene with
         the motion, as :func:`pdecodec.formats.write_onto` does, or the meshes alone. `quantize`, `web` and `rigid`
@@ -292,8 +293,14 @@ def write_sequence(
             code="setting-unsupported",
             path=where,
         )
-    if rigid and (velocities is not None or len(sequence.runs) > 1):
-        reason = "velocities" if velocities is not None else "connectivity that changes"
+    if rigid and (velocities is not None or len(sequence.runs) > 1 or motion is not None):
+        reason = (
+            "connectivity that changes"
+            if len(sequence.runs) > 1
+            else "velocities"
+            if velocities is not None
+            else "a motion"
+        )
         raise SettingsError(
             f"writes static shapes under moving nodes, which cannot have {reason}; leave one out",
             code="conflicting-settings",

@@ -7,9 +7,11 @@ import copy
 import importlib
 import io
 import json
+import math
 import shutil
 import tempfile
 import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import IO, Any
 
@@ -19,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pdecodec.errors import MissingExtraError
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
 from pdecodec.formats.gltf.file import CHUNK_HEADER, COMPONENTS, GLB_HEADER, GLB_MAGIC, WIDTHS, GltfFile
+from pdecodec.mesh.arrays import Float32Array
 
 QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
 
@@ -27,8 +30,8 @@ MESHOPT_VERTEX_VERSION, MESHOPT_STRIDE = 0, 256
 """Version of meshoptimizer's vertex codec that the extension prescribes, and its longest rows [bytes]."""
 
 
-ROUNDED_BITS, EXPONENT_RANGE = 16, (-100, 100)
-"""Bits of the largest value of a rounded column, without its sign; exponents that meshoptimizer's filter can hold."""
+MANTISSA_BITS, EXPONENT_RANGE = 23, (-100, 100)
+"""Bits without the sign, and exponents, that meshoptimizer's exponential filter can hold."""
 
 
 VERTEX_DATA, INDEX_DATA = 34962, 34963
@@ -37,6 +40,11 @@ VERTEX_DATA, INDEX_DATA = 34962, 34963
 
 HELD_BYTES, COPIED_BYTES = 2**22, 3 * 2**18
 """Bytes of data that are held in memory before a temporary file takes them, and that are copied at once."""
+
+Coded = tuple[str, NDArray[Any]]
+"""A filter of meshoptimizer, and rows in its form."""
+
+_SMALLEST_DIVISOR = float(np.finfo(np.float64).tiny)
 
 _ALIGNMENT = 4
 """Parts of a file begin at multiples of this [bytes]."""
@@ -75,6 +83,11 @@ class GltfBuilder:
                 ) from error
             self._encoder.encode_vertex_version(MESHOPT_VERTEX_VERSION)
             self.require(MESHOPT)
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether meshoptimizer compresses the data."""
+        return self._encoder is not None
 
     def begin_with(self, file: GltfFile) -> None:
         """Start from everything in an existing file, its buffers joined to one; call it before anything is added."""
@@ -118,12 +131,12 @@ class GltfBuilder:
         target: int | None = None,
         *,
         triangles: bool = False,
-        coded: NDArray[Any] | None = None,
+        coded: Coded | None = None,
     ) -> int:
         """Add a buffer view with one row per item of an array and return its index.
 
-        If `triangles` is true, compression may rotate the order of each triangle's corners. `coded` is what is
-        compressed in place of `data`, in the form of meshoptimizer's exponential filter.
+        If `triangles` is true, compression may rotate the order of each triangle's corners. `coded` names a
+        filter of meshoptimizer, and what is compressed in its form in place of `data`.
         """
         entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
         stride = data.nbytes // max(1, len(data))
@@ -132,7 +145,7 @@ class GltfBuilder:
         if data.ndim == 2 and data.dtype.kind in "iu":
             # Rows are padded to multiples of four bytes, so the stride has to be declared.
             entry["byteStride"] = stride
-        packed = self._packed(data if coded is None else coded, stride, triangles=triangles)
+        packed = self._packed(data if coded is None else coded[1], stride, triangles=triangles)
         if packed is None:
             entry["byteOffset"] = self._append(np.ascontiguousarray(data).data)
         else:
@@ -142,7 +155,7 @@ class GltfBuilder:
             place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
             entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
             if coded is not None:
-                entry["extensions"][MESHOPT]["filter"] = "EXPONENTIAL"
+                entry["extensions"][MESHOPT]["filter"] = coded[0]
         return self.add("bufferViews", entry)
 
     def _append(self, data: bytes | memoryview) -> int:
@@ -174,7 +187,7 @@ class GltfBuilder:
         *,
         target: int | None = None,
         bounds: bool = False,
-        coded: NDArray[Any] | None = None,
+        coded: Coded | None = None,
     ) -> int:
         """Add an accessor of float32 rows, on request with their minimum and maximum, and return its index.
 
@@ -186,23 +199,59 @@ class GltfBuilder:
         kind = next(name for name, numbers in WIDTHS.items() if numbers == table.shape[1])
         return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target, coded=coded), **limits)
 
-    def rounded(self, values: ArrayLike, *, target: int | None = None, bounds: bool = False) -> int:
+    def rounded(self, values: ArrayLike, step: float, *, target: int | None = None, bounds: bool = False) -> int:
         """Add an accessor of float32 rows (n, k) like :meth:`floats`, rounded if that makes compression better.
 
-        Each column is rounded to a power of two, :data:`ROUNDED_BITS` bits below its largest value.
+        Values become multiples of the power of two at or below `step`, or of a larger one if they need too many digits.
         """
         rows = np.asarray(values, np.float32)
         if self._encoder is None or not rows.size or not np.isfinite(rows).all():
             return self.floats(rows, target=target, bounds=bounds)
-        _, exponents = np.frexp(np.abs(rows).max(axis=0))
-        exponents = np.clip(exponents - ROUNDED_BITS, *EXPONENT_RANGE).astype(np.int32)
-        wholes = np.rint(np.ldexp(rows.astype(np.float64), -exponents)).astype(np.int32)
-        coded = (exponents & 0xFF) << 24 | wholes & 0xFFFFFF
-        return self.floats(
-            np.ldexp(wholes.astype(np.float64), exponents), target=target, bounds=bounds, coded=coded.astype("<u4")
-        )
+        needed = math.frexp(float(np.abs(rows).max()))[1] - MANTISSA_BITS + 1
+        exponent = min(max(math.frexp(step)[1] - 1, needed, EXPONENT_RANGE[0]), EXPONENT_RANGE[1])
+        wholes = np.rint(np.ldexp(rows.astype(np.float64), -exponent)).astype(np.int32)
+        coded = np.uint32((exponent & 0xFF) << 24) | (wholes & 0xFFFFFF).astype("<u4")
+        found = np.ldexp(wholes.astype(np.float64), exponent)
+        return self.floats(found, target=target, bounds=bounds, coded=("EXPONENTIAL", coded))
 
-    def fractions(self, values: ArrayLike, dtype: str, *, target: int | None = None, bounds: bool = False) -> int:
+    def directions(self, normals: Float32Array) -> int:
+        """Add an accessor of unit vectors (n, 3) of 8 bits; compressed, they are points of an octahedron."""
+        if self._encoder is None:
+            return self.fractions(normals, "<i1", target=VERTEX_DATA)
+        rows = normals.astype(np.float64) / np.maximum(np.abs(normals).sum(axis=1, keepdims=True), _SMALLEST_DIVISOR)
+        x, y, z = rows.T
+        folded = [np.where(z < 0, np.where(a < 0, -1, 1) * (1 - np.abs(b)), a) for a, b in ((x, y), (y, x))]
+        coded = np.zeros((len(rows), 4), np.int8)
+        coded[:, :2], coded[:, 2] = np.rint(np.stack(folded, axis=1) * 127), 127
+        return self.fractions(normals, "<i1", target=VERTEX_DATA, coded=("OCTAHEDRAL", coded))
+
+    def compressed_size(self, points: Float32Array, triangles: Sequence[NDArray[np.integer]]) -> int:
+        """Return the bytes of positions (n, 3), rounded to 12 bits, and of the indices of triangles."""
+        low, size = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
+        rows = np.zeros((len(points), 4), "<u2")
+        rows[:, :3] = np.rint((points.astype(np.float64) - low) * (4095 / size))
+        indices = (np.ascontiguousarray(one.reshape(-1), np.uint32) for one in triangles)
+        found = [self._encoder.encode_vertex_buffer(rows, len(rows), rows.itemsize * 4)]
+        return sum(map(len, [*found, *(self._encoder.encode_index_buffer(one) for one in indices)]))
+
+    def strips(self, triangles: NDArray[np.integer], rows: int) -> NDArray[np.integer]:
+        """Return triangles (n, 3) of `rows` vertices in an order that compression prefers, flattened."""
+        flat = np.ascontiguousarray(triangles.reshape(-1), np.uint32)
+        found = np.zeros_like(flat)
+        if self._encoder is None or not flat.size:
+            return flat
+        self._encoder.optimize_vertex_cache_strip(found, flat, flat.size, rows)
+        return found
+
+    def fractions(
+        self,
+        values: ArrayLike,
+        dtype: str,
+        *,
+        target: int | None = None,
+        bounds: bool = False,
+        coded: Coded | None = None,
+    ) -> int:
         """Add an accessor of values (n,) or (n, 3) in [-1, 1], stored as normalised integers, and return its index."""
         numbers = np.rint(np.asarray(values, np.float64) * np.iinfo(dtype).max).astype(dtype)
         limits = {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()} if bounds else {}
@@ -210,7 +259,7 @@ class GltfBuilder:
             # Rows of vertex data must begin at multiples of four bytes.
             rows = np.zeros((len(numbers), 4), dtype)
             rows[:, :3] = numbers
-            view = self.view(rows, target)
+            view = self.view(rows, target, coded=coded)
         else:
             view = self.view(numbers)
         kind = "VEC3" if numbers.ndim == 2 else "SCALAR"

@@ -20,14 +20,22 @@ from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.codec.sections.connectivity import coded_orders
 from pdecodec.codec.settings import EncodeSettings
+from pdecodec.codec.stored_choices import bound_of
 from pdecodec.formats.base.attribute_roles import vertex_slices
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.types import MESH_MOTION
 from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 
 BOX_DIGITS = 3
 """Decimal digits to which boxes are rounded outwards, of the largest coordinate."""
+
+STEP_BOUNDS = 0.5
+"""Step to which the shape at rest is rounded [bounds]; its error is 0.43 bounds at most."""
+
+UNBOUNDED_STEPS = 2**14
+"""Number of steps in the size of a scene whose motion has no bound."""
 
 STEPS_BETWEEN_FRAMES = 2
 """Times for each frame at which a box looks for the motion's extent: splines overshoot a little between frames."""
@@ -61,6 +69,19 @@ class CodedRows:
         self.primitives.append(primitive)
 
 
+@dataclass(frozen=True)
+class Delivery:
+    """How meshes are written that are there to be shown: without a record of the original faces and seams.
+
+    Attributes
+    ----------
+    step : float or None [scene units]
+        To which the shape at rest may be rounded; None: nothing is rounded.
+    """
+
+    step: float | None
+
+
 class MotionWriter:
     """The objects of a scene that the motion of a glTF file moves.
 
@@ -79,6 +100,9 @@ class MotionWriter:
     ) -> None:
         self._builder, self._sequence, self._settings, self._progress = builder, sequence, settings, progress
         self.stored = sequence if isinstance(sequence, Animation) and is_stored(sequence, settings) else None
+        scale = frame_scale(sequence.read_frames(0, 1)[0])
+        self._bound = settings.bound(scale) if self.stored is None else bound_of(self.stored)
+        self.step = STEP_BOUNDS * (self._bound or scale / UNBOUNDED_STEPS)
         self._objects: list[MeshObject] = []
         self._parts: list[tuple[Float32Array, Int64Array]] = []
         self._rows: list[CodedRows] = []
@@ -129,8 +153,9 @@ class MotionWriter:
         if self.stored is not None:
             data = self.stored.motion_alone()
         else:
-            bound = self._settings.bound(self._scale())
-            settings = dataclasses.replace(self._settings, tolerance=None, max_error=bound, order="keep", scene="drop")
+            settings = dataclasses.replace(
+                self._settings, tolerance=None, max_error=self._bound, order="keep", scene="drop"
+            )
             report = encode(
                 _Parts(self._sequence, self._objects, self._parts), settings=settings, progress=self._progress
             )
@@ -148,11 +173,6 @@ class MotionWriter:
         self._builder.root.setdefault("extensions", {})[MESH_MOTION] = {"motions": [entry]}
         self._builder.use(MESH_MOTION, is_required=False)
         return notices
-
-    def _scale(self) -> float:
-        from pdecodec.mesh.metrics import frame_scale
-
-        return frame_scale(self._sequence.read_frames(0, 1)[0])
 
     def _box(self, coded: Animation) -> None:
         """Add the box of each object at all times to its primitives."""

@@ -26,7 +26,7 @@ from pdecodec.formats.base.normals import NormalRows, group_attribute, shared_at
 from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, encode_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.inventory import GROUPS
-from pdecodec.formats.gltf.mesh_motion import CodedRows
+from pdecodec.formats.gltf.mesh_motion import CodedRows, Delivery
 from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
@@ -86,8 +86,7 @@ def write_mesh(
     lattice: Lattice | None = None,
     joints: Int64Array | None = None,
     coded: CodedRows | None = None,
-    *,
-    is_rounded: bool = False,
+    delivery: Delivery | None = None,
 ) -> int:
     """Write a mesh and return its index.
 
@@ -104,11 +103,18 @@ def write_mesh(
     joints : (vertices,) int64, optional
         Joint of the skin that moves each vertex.
     coded : CodedRows, optional
-        Order the mesh as the `.pdeanim` file that moves it; the original structure is then not recorded.
-    is_rounded : bool
-        Whether to round the attributes of a coded mesh.
+        Order the mesh as the `.pdeanim` file that moves it, and give its primitives the extension.
+    delivery : Delivery, optional
+        Do not record the original structure. Compressed, rows and triangles stand in the order that suits it best.
     """
-    return _MeshWriter(builder, item, motion, rows, lattice, coded, is_rounded=is_rounded).write(material, joints)
+    return _MeshWriter(builder, item, motion, rows, lattice, coded, delivery).write(material, joints)
+
+
+UV_STEP = 2.0**-12
+"""Step to which texture coordinates are rounded, as gltf-transform does: an eighth of a texel of 512."""
+
+_Part = tuple[int, Any, str | None, Sequence[str]]
+"""Mode, rows, name of the material and names of face sets of a primitive."""
 
 
 class _MeshWriter:
@@ -134,11 +140,11 @@ class _MeshWriter:
         rows: NormalRows | None,
         lattice: Lattice | None,
         coded: CodedRows | None,
-        *,
-        is_rounded: bool,
+        delivery: Delivery | None,
     ) -> None:
         self._builder, self._item, self._motion, self._rows, self._lattice = builder, item, motion, rows, lattice
-        self._coded, self._is_rounded = coded, is_rounded
+        self._coded, self._delivery = coded, delivery
+        self._step = None if delivery is None else delivery.step
         self._uv_sets, self._colors = uv_sets(item), _held_colors(item)
         columns = [uv.values if uv.indices is None else uv.indices for uv in self._uv_sets]
         if rows is not None and motion.normals is not None and not rows.is_smooth:
@@ -147,18 +153,16 @@ class _MeshWriter:
         self.sources, self.corner_rows = _split_vertices(item.connectivity, columns)
         self.vertex_rows = np.arange(item.vertex_count)
         if coded is not None:
-            order = np.argsort(coded.numbers[self.sources], kind="stable")
-            rank = np.empty_like(order)
-            rank[order] = np.arange(order.size)
-            self.sources, self.corner_rows, self.vertex_rows = (
-                self.sources[order], rank[self.corner_rows], rank[: item.vertex_count]
-            )  # fmt: skip
+            self._reorder(np.argsort(coded.numbers[self.sources], kind="stable"))
         self.notes: dict[str, Any] = {"vertices": item.vertex_count}
 
     def write(self, material: Callable[[str], int], joints: Int64Array | None) -> int:
         """Write the mesh and return its index."""
-        if self._lattice is not None or self._is_rounded:
+        if self._lattice is not None or self._step is not None:
             self._builder.require(QUANTIZATION)
+        parts = list(self._parts(len(self._motion.targets)))
+        if self._delivery is not None:
+            parts = self._in_strips(parts)
         attributes, morphs = self._attributes(), self._morphs()
         attributes |= {} if joints is None else self._builder.influences(joints[self.sources])
         self._add_normals(attributes, morphs)
@@ -167,7 +171,7 @@ class _MeshWriter:
         row_map = self._row_map()
         drawn: list[tuple[int, NDArray[Any]]] = []
         primitives: list[dict[str, Any]] = []
-        for mode, indices, label, groups in self._parts(len(morphs)):
+        for mode, indices, label, groups in parts:
             primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
             drawn.append((mode, np.arange(self.sources.size) if indices is None else indices))
             if indices is not None:
@@ -181,12 +185,46 @@ class _MeshWriter:
             if self._coded is not None:
                 self._coded.add_to(primitives[-1], row_map)
         mesh: dict[str, Any] = {"primitives": primitives}
-        if self._coded is None:
+        if self._delivery is None:
             self.notes["of"] = fingerprint(self.sources.size, drawn)
             mesh["extras"] = {"pdecodec": self.notes}
         if morphs:
             mesh["weights"] = self._motion.first_weights
         return self._builder.add("meshes", mesh)
+
+    def _reorder(self, order: Int64Array) -> None:
+        """Put rows in another order, (rows,)."""
+        rank = np.empty_like(order)
+        rank[order] = np.arange(order.size)
+        self.sources, self.corner_rows, self.vertex_rows = (
+            self.sources[order],
+            rank[self.corner_rows],
+            rank[self.vertex_rows],
+        )
+
+    def _in_strips(self, parts: list[_Part]) -> list[_Part]:
+        """Order triangles as strips, and rows as they are first drawn, if that makes compression better."""
+        if not self._builder.is_compressed:
+            return parts
+        rows, add = self.sources.size, self._builder
+        drawn: list[_Part] = []
+        for mode, indices, label, groups in parts:
+            every = np.arange(rows) if indices is None else indices
+            drawn.append(
+                (mode, add.strips(every, rows).astype(np.int64) if mode == TRIANGLES else every, label, groups)
+            )
+        used, first = np.unique(np.concatenate([*(one[1] for one in drawn), np.arange(rows)]), return_index=True)
+        order = used[np.argsort(first)]
+        rank, points = np.argsort(order), self._motion.rest[self.sources]
+        drawn = [(mode, rank[indices], label, groups) for mode, indices, label, groups in drawn]
+        before, after = (
+            add.compressed_size(rest, [indices for mode, indices, *_ in one if mode == TRIANGLES])
+            for rest, one in ((points, parts), (points[order], drawn))
+        )
+        if after >= before:
+            return parts
+        self._reorder(order)
+        return drawn
 
     def _row_map(self) -> dict[str, int]:
         """Add the map from rows to vertices of the motion, unless each row has its own number."""
@@ -201,8 +239,8 @@ class _MeshWriter:
         found = {"POSITION": self._positions(self._motion.rest, self._lattice)}
         rows = self.sources.size
         for number, uv in enumerate(self._uv_sets):
-            add = self._builder.rounded if self._is_rounded else self._builder.floats
-            found[f"TEXCOORD_{number}"] = _write_uv(add, uv, self.corner_rows, rows, self.notes)
+            values = _uv_rows(uv, self.corner_rows, rows, self.notes)
+            found[f"TEXCOORD_{number}"] = self._floats(values, None if self._step is None else UV_STEP)
             self.notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
         for number, (color, values) in enumerate(self._colors):
             if color.domain == "vertex":
@@ -235,7 +273,11 @@ class _MeshWriter:
             # A vertex that belongs to no face has its own number as normal row.
             normals = self.sources.copy()
             normals[self.corner_rows] = rows.corner_rows
-            attributes["NORMAL"] = self._directions(motion.normals[normals], "<i1" if self._is_rounded else "<i2")
+            attributes["NORMAL"] = (
+                self._directions(motion.normals[normals], "<i2")
+                if self._step is None
+                else self._builder.directions(motion.normals[normals])
+            )
             kinds = ["<i2" if motion.has_fine_normals else "<i1"] * len(morphs)
             if motion.is_away_from_rest:
                 kinds[-1] = "<i2"
@@ -248,7 +290,7 @@ class _MeshWriter:
         if (shared := shared_attribute(self._item)) is not None:
             self.notes["sharedNormals"] = encode_integers(expanded(shared))
 
-    def _parts(self, morphs: int) -> Iterator[tuple[int, NDArray[Any] | None, str | None, Sequence[str]]]:
+    def _parts(self, morphs: int) -> Iterator[_Part]:
         """Yield primitives: mode, rows, name of the material, names of face sets."""
         item = self._item
         triangles, faces = _triangulate(item.connectivity, self.corner_rows)
@@ -281,12 +323,17 @@ class _MeshWriter:
 
     def _positions(self, points: Float32Array, steps: Lattice | None) -> int:
         if steps is None:
-            add = self._builder.rounded if self._is_rounded else self._builder.floats
-            return add(points[self.sources], target=VERTEX_DATA, bounds=True)
+            return self._floats(points[self.sources], self._step, bounds=True)
         return self._builder.fractions(steps.fractions(points[self.sources]), "<i2", target=VERTEX_DATA, bounds=True)
 
+    def _floats(self, rows: Float32Array, step: float | None, *, bounds: bool = False) -> int:
+        """Add an accessor of vertex data, rounded to a step if there is one."""
+        if step is None:
+            return self._builder.floats(rows, target=VERTEX_DATA, bounds=bounds)
+        return self._builder.rounded(rows, step, target=VERTEX_DATA, bounds=bounds)
+
     def _directions(self, vectors: Float32Array, dtype: str) -> int:
-        if (self._lattice is None and not self._is_rounded) or np.abs(vectors).max(initial=0) > 1:
+        if self._lattice is None or np.abs(vectors).max(initial=0) > 1:
             return self._builder.floats(vectors, target=VERTEX_DATA)
         return self._builder.fractions(vectors, dtype, target=VERTEX_DATA)
 
@@ -321,7 +368,8 @@ def _split_vertices(connectivity: Connectivity, columns: list[NDArray[Any]]) -> 
     return np.concatenate([vertices, of_row[is_extra]]), rows[keys]
 
 
-def _write_uv(add: Callable[..., int], uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> int:
+def _uv_rows(uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> Float32Array:
+    """Return the UVs of rows, and note the rows that corners share."""
     values, indices, _ = indexed_rows(uv)
     by_corner = values[:, :2] if indices is None else values[indices, :2]
     by_row = np.zeros((rows, 2), np.float32)
@@ -330,7 +378,7 @@ def _write_uv(add: Callable[..., int], uv: Attribute, corner_rows: Int64Array, r
     if uv.indices is not None:
         note["indices"] = encode_integers(uv.indices.astype(np.int64) + 1)
     notes.setdefault("uvs", {})[uv.name] = note
-    return add(flipped(by_row), target=VERTEX_DATA)
+    return flipped(by_row)
 
 
 def _note_connectivity(connectivity: Connectivity, corner_rows: Int64Array, notes: dict[str, Any]) -> None:

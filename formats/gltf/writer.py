@@ -34,7 +34,7 @@ from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, rename
 from pdecodec.formats.gltf.builder import GltfBuilder
 from pdecodec.formats.gltf.functions import Blocks, cubic_keys
 from pdecodec.formats.gltf.materials import Materials
-from pdecodec.formats.gltf.mesh_motion import CodedRows, MotionWriter, is_stored
+from pdecodec.formats.gltf.mesh_motion import CodedRows, Delivery, MotionWriter, is_stored
 from pdecodec.formats.gltf.mesh_writer import is_held_by_mesh, write_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_normals
 from pdecodec.formats.gltf.reader import GltfSequence
@@ -155,9 +155,11 @@ class GltfScene:
         self._movers: list[Mover] = []
         self._joints: dict[int, int] = {}
         self._key_times: int | None = None
-        self._coded = None
+        self._coded: MotionWriter | None = None
+        self._delivery: Delivery | None = None
         if output.motion is not None:
             self._coded = MotionWriter(builder, self._source, output.motion, output.progress)
+            self._delivery = Delivery(self._coded.step if output.quantize else None)
         self._bound = output.rigid
         if self._is_stored:
             self._bound = 0.0
@@ -323,6 +325,11 @@ class _Scene(GltfScene):
         source = (looks.file, looks.path) if isinstance(looks, GltfSequence) else (None, path)
         self._materials = Materials(builder, source[0], source[1].parent, path.parent)
 
+    @property
+    def _is_all_coded(self) -> bool:
+        """Whether the motion moves rigid objects, too."""
+        return self._is_stored or (self._coded is not None and self._output.rigid == 0)
+
     def _turned_place(self) -> dict[str, Any]:
         """Return the transform of a node whose mesh a stored motion moves."""
         if not (self._is_stored and self._turn):
@@ -366,7 +373,7 @@ class _Scene(GltfScene):
             else:
                 part = frames[:, places[id(item)]]
                 thirds = thirds_of.blocks(index)
-                is_tried = item.connectivity.face_count and not self._bound and not self._is_stored
+                is_tried = item.connectivity.face_count and not self._bound and not self._is_all_coded
                 turns = rigid_keys(part, thirds) if is_tried else None
             coded: CodedRows | None = None
             if self._coded is not None and own is None and turns is None:
@@ -388,7 +395,16 @@ class _Scene(GltfScene):
                 place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
                 coarsest = max(coarsest, lattice.error)
             if own is not None and is_skinned:
-                mesh = write_mesh(builder, item, motion, rows, self._materials.index, lattice, own.joints)
+                mesh = write_mesh(
+                    builder,
+                    item,
+                    motion,
+                    rows,
+                    self._materials.index,
+                    lattice,
+                    own.joints,
+                    delivery=self._delivery,
+                )
                 self._skinned(item.name, {"mesh": mesh}, own, bind)
                 continue
             mesh = write_mesh(
@@ -399,7 +415,7 @@ class _Scene(GltfScene):
                 self._materials.index,
                 lattice,
                 coded=coded,
-                is_rounded=self._output.quantize and coded is not None,
+                delivery=self._delivery,
             )
             node = self._node(item.name, {"mesh": mesh, **place})
             self._animate(node, motion, turns)
