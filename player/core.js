@@ -8,6 +8,9 @@ import { fetchOrThrow } from "./source.js";
 const ERROR = { bytes: 280, status: 0, offset: 8, frame: 16, text: 24 };
 const OPTIONS = { bytes: 24, size: 0, maxMemory: 8, threads: 16 };
 
+/** Default of `maxMemory` [bytes]: half of what WebAssembly can address. */
+const DEFAULT_MAX_MEMORY = 2 ** 31;
+
 /** First bytes of a WebAssembly module: servers answer some wrong addresses with a page. */
 const WASM_MAGIC = 0x0061736d;
 
@@ -107,12 +110,14 @@ export class Core {
     }
   }
 
-  open(maxMemory) {
+  /** Open the file, each time with the limit that was first given. */
+  open(maxMemory = DEFAULT_MAX_MEMORY) {
+    this.maxMemory ??= maxMemory;
     const options = this.scratch;
     const handle = this.scratch + OPTIONS.bytes;
     const view = this.view;
     view.setUint32(options + OPTIONS.size, OPTIONS.bytes, true);
-    view.setBigUint64(options + OPTIONS.maxMemory, BigInt(maxMemory), true);
+    view.setBigUint64(options + OPTIONS.maxMemory, BigInt(this.maxMemory), true);
     view.setUint32(options + OPTIONS.threads, 1, true);
     this.call("open_page", 0, BigInt(this.source.size), options, handle);
     return this.pointer(handle);

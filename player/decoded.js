@@ -3,8 +3,9 @@ import { normalsOf, trianglesOf } from "./mesh.js";
 
 const users = new WeakMap();
 
-/** Count one more user of an animation. */
+/** Count one more user of an animation; open it again if its last user closed it. */
 export function retain(animation) {
+  if (animation.isClosed) animation.reopen();
   users.set(animation, (users.get(animation) ?? 0) + 1);
 }
 

@@ -191,4 +191,7 @@ export class PdeAnimation {
 
   verify(): void;
   close(): void;
+  readonly isClosed: boolean;
+  /** Open a closed animation again. */
+  reopen(): void;
 }

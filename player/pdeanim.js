@@ -20,9 +20,6 @@ const POSITIONS = 0;
 const VELOCITIES = 1;
 const ACCELERATIONS = 2;
 
-/** Default of `maxMemory` [bytes]: half of what WebAssembly can address. */
-const DEFAULT_MAX_MEMORY = 2 ** 31;
-
 const ALL_OBJECTS = -1n;
 const DOMAINS = ["vertices", "faces", "corners", "object", "cells"];
 const TYPES = [Float32Array, Float64Array, Int32Array, BigInt64Array, Uint8Array];
@@ -53,7 +50,7 @@ export class PdeAnimation {
    */
   static async open(from, options = {}) {
     const core = await Core.start(await makeSource(from, options.request), options.wasm);
-    const handle = await core.retryUntilFetched(() => core.open(options.maxMemory ?? DEFAULT_MAX_MEMORY));
+    const handle = await core.retryUntilFetched(() => core.open(options.maxMemory));
     return new PdeAnimation(core, handle);
   }
 
@@ -374,6 +371,15 @@ export class PdeAnimation {
     this.#runs.clear();
     if (this.#pointer) this.#core.functions.pdeanim_close(this.#pointer);
     this.#pointer = 0;
+  }
+
+  get isClosed() {
+    return this.#pointer === 0;
+  }
+
+  /** Open a closed animation again. Its bytes, or those of its address that were fetched, are still there. */
+  reopen() {
+    if (this.isClosed) this.#pointer = this.#core.open();
   }
 
   get #handle() {

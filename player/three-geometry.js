@@ -4,23 +4,25 @@ import { Box3, BufferAttribute, BufferGeometry, Sphere, Vector3 } from "three";
 import { DecodedRun, gatherRows, release, retain } from "./decoded.js";
 
 export class MovingGeometry extends BufferGeometry {
+  #wanted = null;
   #graphics = null;
   #motion = null;
   #pair = null;
   #shown = null;
-  #isDisposed = false;
+  #isRetained = false;
 
   /**
    * @param {{ animation: import("./pdeanim.js").PdeAnimation, run: import("./pdeanim.js").PdeAnimation, sources: Uint32Array,
-   *     fans?: object, hasNormals?: boolean, bounds?: Box3 }} shape the open file and one of its runs of frames, the run's vertex
-   *     of each drawn vertex, which corners share a normal (see `GroupedMotion.addDrawn`), whether there are normals, and a
-   *     box around all times, if it is known
+   *     fans?: object, hasNormals?: boolean, tangents?: Float32Array, bounds?: Box3 }} shape the open file and one of its runs of
+   *     frames, the run's vertex of each drawn vertex, which corners share a normal (see `GroupedMotion.addDrawn`), whether
+   *     there are normals, tangents of the first frame, and a box around all times, if it is known
    */
   constructor(shape) {
     super();
-    this.shape = { fans: null, hasNormals: true, bounds: null, ...shape };
+    this.shape = { fans: null, hasNormals: true, tangents: null, bounds: null, ...shape };
+    this.isMoving = true;
+    this.isStale = false;  // whether buffers were freed since the last shape
     this.decoded = DecodedRun.of(shape.run);
-    retain(shape.animation);
     this.#takeFromDecoder();
   }
 
@@ -36,13 +38,14 @@ export class MovingGeometry extends BufferGeometry {
 
   /** Evaluate with `graphicsOf(renderer)` from now on if the clip fits there, otherwise with the decoder. */
   setGraphics(graphics) {
-    const { run, sources, fans, hasNormals } = this.shape;
-    if (graphics === this.#graphics || this.#isDisposed) return;
+    const { run, sources, fans, hasNormals, tangents } = this.shape;
+    if (graphics === this.#wanted) return;
     this.#freeBuffers();
-    this.#graphics = graphics?.holds(run) ? graphics : null;
-    if (!this.#graphics) {
-      this.#takeFromDecoder();
-    } else {
+    this.#retain();
+    this.#wanted = graphics;
+    // Shaders of ours write no tangents.
+    this.#graphics = graphics?.holds(run) && !tangents ? graphics : null;
+    if (this.#graphics) {
       this.dispatchEvent({ type: "dispose" });  // the renderer's copies of the decoder's arrays
       this.#motion = graphics.borrow(run, this);
       this.#pair = graphics.work(() => this.#motion.addDrawn(sources, fans));
@@ -55,7 +58,8 @@ export class MovingGeometry extends BufferGeometry {
 
   /** Show the shape at a time [s] of the file; with a `weight`, that share of the way from the first frame's shape. */
   show(time, weight = 1) {
-    if (this.#isDisposed) return;
+    this.#retain();
+    this.isStale = false;
     this.#shown = { time, weight };
     if (this.#pair && weight === 1) {
       this.#graphics.work(() => this.#motion.evaluate(time, [this.#pair]));
@@ -65,10 +69,12 @@ export class MovingGeometry extends BufferGeometry {
       this.#gather(points, normals);
       this.#graphics.work(() => this.#motion.write(this.#pair, points, normals));
     } else {
-      const { position, normal } = this.attributes;
+      const { position, normal, tangent } = this.attributes;
       this.#gather(position.array, normal?.array);
-      position.needsUpdate = true;
-      if (normal) normal.needsUpdate = true;
+      if (this.shape.tangents) turnTangents(tangent.array, this.shape.tangents, normal.array);
+      for (const attribute of [position, normal, this.shape.tangents && tangent]) {
+        if (attribute) attribute.needsUpdate = true;
+      }
     }
     if (this.shape.bounds) return;
     this.boundingSphere = null;
@@ -77,8 +83,8 @@ export class MovingGeometry extends BufferGeometry {
 
   /** Upload everything again after a lost context. */
   restore() {
-    const graphics = this.#graphics;
-    this.#graphics = this.#motion = this.#pair = null;
+    const graphics = this.#wanted;
+    this.#wanted = this.#graphics = this.#motion = this.#pair = null;
     this.setGraphics(graphics);
   }
 
@@ -87,13 +93,43 @@ export class MovingGeometry extends BufferGeometry {
     if (this.#pair && this.#shown) this.#graphics.work(() => this.#motion.prefetchAfter(this.#shown.time));
   }
 
-  /** Free everything for good; the last geometry of a file closes its decoder. */
+  /** Take index, groups and all attributes but positions and normals from another geometry, and its present shape. */
+  copyRest(source) {
+    const { position, normal, tangent } = this.attributes;
+    for (const [name, attribute] of Object.entries(source.attributes)) {
+      if (!this.hasAttribute(name)) this.setAttribute(name, attribute);
+    }
+    this.setIndex(source.index);
+    this.groups = source.groups.map((group) => ({ ...group }));
+    Object.assign(this, { name: source.name, userData: source.userData });
+    for (const [own, other] of [
+      [position, source.attributes.position],
+      [normal, source.attributes.normal],
+      [tangent, source.attributes.tangent],
+    ]) {
+      if (own && !source.hasGpuBuffers) for (let k = 0; k < other.count; k++) copyVertex(own, other, k);
+    }
+  }
+
+  /** Return a geometry with a time of its own that shares everything else. */
+  clone() {
+    const copy = new MovingGeometry(this.shape);
+    copy.copyRest(this);
+    if (this.#shown) copy.show(this.#shown.time, this.#shown.weight);
+    return copy;
+  }
+
+  /** Free everything that the geometry holds until it is shown again; the last one of a file closes its decoder. */
   dispose() {
     super.dispose();
-    if (this.#isDisposed) return;
     this.#freeBuffers();
-    this.#isDisposed = true;
-    release(this.shape.animation);
+    if (this.#isRetained) release(this.shape.animation);
+    this.#isRetained = false;
+  }
+
+  #retain() {
+    if (!this.#isRetained) retain(this.shape.animation);
+    this.#isRetained = true;
   }
 
   /** Compute the box through the attributes' getters: three.js reads arrays, which are not there on a graphics processor. */
@@ -135,16 +171,35 @@ export class MovingGeometry extends BufferGeometry {
   }
 
   #takeFromDecoder() {
-    const { sources, hasNormals } = this.shape;
-    const attribute = () => new BufferAttribute(new Float32Array(3 * sources.length), 3);
-    this.setAttribute("position", attribute());
-    if (hasNormals) this.setAttribute("normal", attribute());
+    const { sources, hasNormals, tangents } = this.shape;
+    const attribute = (size) => new BufferAttribute(new Float32Array(size * sources.length), size);
+    this.setAttribute("position", attribute(3));
+    if (hasNormals) this.setAttribute("normal", attribute(3));
+    if (tangents) this.setAttribute("tangent", attribute(4));
   }
 
   #freeBuffers() {
-    if (!this.#pair) return;
-    this.#graphics.work(() => this.#motion.removeDrawn(this.#pair));
-    this.#graphics.giveBack(this.shape.run, this);
-    this.#graphics = this.#motion = this.#pair = null;
+    if (this.#pair) {
+      this.#graphics.work(() => this.#motion.removeDrawn(this.#pair));
+      this.#graphics.giveBack(this.shape.run, this);
+      this.#takeFromDecoder();
+      this.isStale = true;
+    }
+    this.#wanted = this.#graphics = this.#motion = this.#pair = null;
+  }
+}
+
+function copyVertex(own, other, k) {
+  for (let axis = 0; axis < own.itemSize; axis++) own.setComponent(k, axis, other.getComponent(k, axis));
+}
+
+/** Turn stored tangents with their normals: subtract the part along the normal, and keep the sign of the bitangent. */
+function turnTangents(array, stored, normals) {
+  const [tangent, normal] = [new Vector3(), new Vector3()];
+  for (let k = 0; k < stored.length / 4; k++) {
+    tangent.fromArray(stored, 4 * k);
+    normal.fromArray(normals, 3 * k);
+    tangent.addScaledVector(normal, -tangent.dot(normal)).normalize().toArray(array, 4 * k);
+    array[4 * k + 3] = stored[4 * k + 3];
   }
 }

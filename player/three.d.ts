@@ -1,5 +1,5 @@
-import type { Group, Loader, Object3D, WebGLRenderer } from "three";
-import type { GLTF } from "three/addons/loaders/GLTFLoader.js";
+import type { Group, Loader, Mesh, Object3D, WebGLRenderer } from "three";
+import type { GLTF, GLTFLoaderPlugin, GLTFParser } from "three/addons/loaders/GLTFLoader.js";
 import type { WebGPURenderer } from "three/webgpu";
 
 import type { PdeAnimation } from "./pdeanim.js";
@@ -49,6 +49,28 @@ export class DeformingGroup extends Group {
   /** Upload the next group of frames, when there is time to spare. */
   prefetch(): void;
   dispose(): void;
+}
+
+/** What objects that a motion of a glTF file moves have besides what meshes (lines, points) of three.js have. */
+export interface MovedByMotion {
+  /** Sum of weighted seconds since the first frame, and sum of weights: an `AnimationMixer` writes them. */
+  motionState: [sum: number, weight: number];
+  /** Seconds since the first frame, for programs without a mixer. */
+  motionTime: number;
+  readonly isOnGpu: boolean;
+  /** Bring the geometry to the current time; drawing and rays do it. */
+  updateMotion(): void;
+}
+
+/**
+ * The glTF extension PDECODEC_mesh_motion: `loader.register((parser) => new GLTFMeshMotionExtension(parser))`. Motions are
+ * clips of `gltf.animations`. Disposing of all geometries of a file frees its decoders.
+ */
+export class GLTFMeshMotionExtension implements GLTFLoaderPlugin {
+  constructor(parser: GLTFParser);
+  readonly name: string;
+  loadMesh(index: number): Promise<Group | Mesh> | null;
+  afterRoot(result: GLTF): null;
 }
 
 /** Loads `.pdeanim` files with the interface of three.js loaders. */

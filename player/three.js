@@ -14,6 +14,7 @@ import { PdeanimError } from "./errors.js";
 import { PdeAnimation } from "./pdeanim.js";
 import { DeformingGroup } from "./three-group.js";
 
+export { GLTFMeshMotionExtension } from "./three-gltf.js";
 export { DeformingGroup } from "./three-group.js";
 
 /** Loads `.pdeanim` files with the interface of three.js loaders. */
