@@ -2,8 +2,9 @@ import { PdeAnimation, PdeanimError, compile } from "pdeanim";
 import { GpuMotion } from "pdeanim/gpu";
 import { WebGpuMotion } from "pdeanim/webgpu";
 import { trianglesOf, normalsOf } from "pdeanim/mesh";
-import { PDEAnimLoader, DeformingGroup } from "pdeanim/three";
-import { Scene, WebGLRenderer } from "three";
+import { GLTFMeshMotionExtension, PDEAnimLoader, DeformingGroup, type MovedByMotion } from "pdeanim/three";
+import { AnimationMixer, Mesh, Scene, WebGLRenderer } from "three";
+import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { WebGPURenderer } from "three/webgpu";
 
 async function play(gl: WebGL2RenderingContext, device: GPUDevice): Promise<number> {
@@ -28,6 +29,12 @@ async function play(gl: WebGL2RenderingContext, device: GPUDevice): Promise<numb
   clip.setTime(0.5);
   clip.setField(field!.name, { colormap: ["white", "#f00"], range: [0, 1], component: 0 });
   clip.setField(null);
+  const copy: DeformingGroup = clip.clone();
+  const sources: Uint32Array = copy.sourcesOf(copy.children[0]!);
+  const gltf = await new GLTFLoader().register((parser) => new GLTFMeshMotionExtension(parser)).loadAsync("b");
+  new PDEAnimLoader().useMaterialsFrom(gltf).setPath(`${sources.length}`);
+  new AnimationMixer(gltf.scene).clipAction(gltf.animations[0]!).play();
+  (gltf.scene.children[0] as Mesh & MovedByMotion).motionTime = 0.5;
   // @ts-expect-error there is no such colour map
   clip.setField("stress", { colormap: "rainbow" });
   // @ts-expect-error times are numbers
