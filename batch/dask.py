@@ -57,7 +57,8 @@ def encode_clips(
     verify : bool
         Decode every file and measure its error against the source.
     max_memory : int, optional [bytes]
-        Estimated memory that clips encoded at once in one process may take. Default: most of what it may take.
+        Estimated memory that clips encoded at once in one process may take. Default: most of the
+        memory of the process.
     **options
         Options for clips whose manifest does not set them, by the names of :class:`pdecodec.batch.ClipOptions` and of
         the settings of :func:`pdecodec.encode`.

@@ -24,7 +24,7 @@ def run_local(
     jobs : int, optional
         Clips encoded at once; they share the processors. Default: one per processor.
     max_memory : int, optional [bytes]
-        Estimated memory that clips encoded at once may take. Default: most of what is free now.
+        Estimated memory that clips encoded at once may take. Default: most of the memory that is free now.
     """
     jobs = min(jobs or thread_count(), len(clips))
     budget = MemoryBudget(max_memory or int(AVAILABLE_SHARE * available_memory()))

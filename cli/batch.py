@@ -80,7 +80,7 @@ def _with_options_of_clips(command: click.Command) -> click.Command:
     "--max-memory",
     callback=parse_bytes,
     metavar="BYTES",
-    help="Memory that clips encoded at once may take, by estimate; other clips wait.  [default: most of what is free]",
+    help="Estimated memory that clips encoded at once may take; other clips wait.  [default: most of the free memory]",
 )
 @click.option(
     "--dask",
@@ -132,8 +132,8 @@ def batch(
 
     MANIFEST is a .csv, .json or .jsonl file. For each clip it has a source, and optionally an output and any option of
     a clip by its name here (tolerance, fps, up_axis); options on the command line apply to clips that do not set them.
-    Quote a PATTERN ('shots/**/*.abc'). A FOLDER stands for every clip in it and its subfolders. Of the FILEs that a
-    shell lists (shots/*.abc), each is a clip; frames of one sequence (walk.*.obj) are one clip.
+    Quote a PATTERN ('shots/**/*.abc'). A FOLDER stands for every clip in it and its subfolders. Each FILE that a
+    shell lists (shots/*.abc) is a clip, but the frames of a sequence (walk.*.obj) are one clip.
 
     An interrupted run resumes where it stopped: a clip is done if its file is complete and was made with the same
     options from the same source (DIR/.batch keeps the records). A clip that fails is reported in one line, and the

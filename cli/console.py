@@ -31,7 +31,7 @@ class PartlyDoneError(Exception):
 
 
 class ReportLostError(PdecodecError):
-    """The outputs are written, but the report on them could not go to standard output."""
+    """The outputs are written, but their results could not be printed on standard output."""
 
     exit_code = 6
 
@@ -211,7 +211,7 @@ def print_alternatives(questions: Sequence[Question]) -> None:
 def say_alternatives(questions: Sequence[Question]) -> None:
     """Print each decision of the encoder in a line on standard error."""
     if questions:
-        say("choices of the encoder, and the bytes that each would take with all else as it was then:")
+        say("choices of the encoder, and the bytes of each alternative with all other choices unchanged:")
     for question in questions:
         taken = " and ".join(f"{item.way} ({item.size:,} bytes)" for item in question.ways if item.chosen)
         *others, last = [f"{item.way} ({item.size:,})" for item in question.ways if not item.chosen] or [

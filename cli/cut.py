@@ -96,7 +96,7 @@ def cut(
 @click.option(
     "--shift",
     is_flag=True,
-    help="Shift the times of each B so that it starts one frame after the end of what precedes it.",
+    help="Shift the times of each B so that it starts one frame after the frames before it.",
 )
 @click.option(
     "--recode",

@@ -248,7 +248,7 @@ class _Writing(_Part):
             raise SettingsError(f"{name} would move the nodes of the original; leave it out, or --onto")
         if self.rigid and (self.onto is not None or self.velocities):
             other = "--onto" if self.onto else "--velocities"
-            raise SettingsError(f"--rigid moves nodes of its own; leave it out, or {other}")
+            raise SettingsError(f"--rigid adds moving nodes; leave it out, or {other}")
 
     def leaves_scene_out(self, source: MeshSequence, place: InputOptions, output: str) -> bool:
         """Return whether a scene would be written if the output had all objects, at their place."""

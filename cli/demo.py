@@ -108,7 +108,7 @@ def _print(found: Demonstration) -> None:
             (SECTION_TITLES.get(name, name), *(f"{item.report.sections.get(name, 0):,}" for item in each))
             for name in sections
         ],
-        title="where they go",
+        title="by section",
     )
     put()
 

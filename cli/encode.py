@@ -105,7 +105,7 @@ this large for the file to grow linearly from there on: the first few frames pre
     "--group-frames",
     type=int,
     metavar="N",
-    help="Profile auto: most frames per group. Streaming, random access and cutting work on whole groups.",
+    help="Profile auto: largest number of frames per group. Streaming, random access and cutting work on whole groups.",
 )
 @click.option(
     "--uv-tolerance",
@@ -136,15 +136,15 @@ this large for the file to grow linearly from there on: the first few frames pre
     type=click.Choice(["keep", "free"]),
     default="keep",
     show_default=True,
-    help="keep: decode vertices and faces in their original order. free: in an order that costs no bytes.",
+    help="keep: decode vertices and faces in their original order. free: decode them in an order that costs no bytes.",
 )
 @click.option(
     "--scene",
     type=click.Choice(["keep", "drop"]),
     default="keep",
     show_default=True,
-    help="keep: the file also carries what surrounds the motion in IN (cameras, materials, textures, custom data), for "
-    "Alembic, USD, glTF, OBJ and Exodus; decoding to that format brings it back. drop: the motion alone.",
+    help="keep: the file also carries the scene around the motion in IN (cameras, materials, textures, custom data), "
+    "for Alembic, USD, glTF, OBJ and Exodus; decoding to that format restores it. drop: encode the motion alone.",
 )
 @click.option(
     "--effort",
@@ -174,7 +174,7 @@ def encode(*, extension: str | None, max_output: int | None, **options: Any) -> 
     """Encode mesh sequences into .pdeanim files.
 
     The error bound holds for every vertex at every frame of IN, in the float32 positions that decoding returns. Float64
-    positions are rounded to float32 first; a warning tells where that alone exceeds the bound. Several IN go to a
+    positions are rounded to float32 first; a warning tells if that alone exceeds the bound. Several IN go to a
     folder: -o folder/.
     """
     if extension is not None and extension.lstrip(".").lower() != "pdeanim":

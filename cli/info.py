@@ -49,9 +49,9 @@ def info(
 ) -> None:
     """Show what a mesh sequence or a .pdeanim file contains.
 
-    A FILE of - is standard input. The output lists objects, faces, frames, times, attributes and bounds, and whether
-    connectivity is constant. If it changes, the output gives the first frame that changes it, the number of runs
-    (frames of one connectivity), and the objects of the first run. For a .pdeanim file, sections, settings and the
+    FILE may be - for standard input. The output lists objects, faces, frames, times, attributes and bounds, and
+    whether connectivity is constant. If it changes, the output gives the first frame that changes it, the number of
+    runs (frames of one connectivity), and the objects of the first run. For a .pdeanim file, sections, settings and the
     model are listed too; its positions and attributes are decoded only with --all-frames.
     """
     from pdecodec.formats.base.choosing import InputOptions, open_clip

@@ -1,8 +1,7 @@
 """The `pdecodec` command: its group of commands, and how failures become one line and an exit code.
 
 Exit codes: 0 done; 1 a check failed; 2 usage; 3 bad input or unwritable output; 4 corrupt file; 5 missing extra; 6
-outputs are written, but the report on them could not go to standard output; 130 interrupted; 141 the reader of standard
-output has closed it.
+outputs are written, but their results could not be printed; 130 interrupted; 141 standard output was closed early.
 """
 
 from __future__ import annotations
@@ -138,8 +137,8 @@ def pdecodec() -> None:
     standard error.
 
     Exit codes: 0 done, 1 a check failed, 2 usage, 3 bad input or unwritable output, 4 corrupt file, 5 missing extra, 6
-    outputs are written but the report on them could not go to standard output, 130 interrupted, 141 the reader of
-    standard output has closed it (`| head`).
+    outputs are written but their results could not be printed, 130 interrupted, 141 standard output was closed early
+    (`| head`).
     """
 
 

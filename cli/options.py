@@ -171,8 +171,8 @@ def assets_option(**keywords: Any) -> Decorator:
         multiple=True,
         metavar="DIR",
         callback=_allow_folders,
-        help="Let files that are read refer to files in this folder (buffers, layers, heavy data), besides those "
-        "in their own. May be repeated; PDECODEC_ASSET_FOLDERS lists more folders.",
+        help="Let files that are read refer to files in this folder (buffers, layers, heavy data), in addition to "
+        "their own folder. May be repeated; PDECODEC_ASSET_FOLDERS lists more folders.",
         **keywords,
     )
 
@@ -281,7 +281,12 @@ def motion_options(command: Callable[..., None]) -> Callable[..., None]:
             help="With --motion: largest error of a vertex, as a fraction of the diagonal of frame 0's bounding box.  "
             "[default: 0.001]",
         ),
-        click.option("--max-error", type=float, metavar="X", help="With --motion: the same in scene units."),
+        click.option(
+            "--max-error",
+            type=float,
+            metavar="X",
+            help="With --motion: largest error of a vertex in scene units, instead of --tolerance.",
+        ),
         effort_option("With --motion: how many ways to encode are compared."),
     )(settled)
 
@@ -322,7 +327,7 @@ write_options = option_group(
     ),
     motion_options,
 )
-"""What to write besides positions, and how compactly: options of :func:`pdecodec.formats.write_sequence`."""
+"""Options of :func:`pdecodec.formats.write_sequence`: data in addition to positions, and compact files."""
 
 
 def is_gltf(path: str) -> bool:
@@ -338,7 +343,7 @@ def say_larger(name: str, path: str, before: int, after: int, is_small: bool) ->
         less = (
             ""
             if is_small
-            else "; --web makes it smaller (--quantize, --meshopt and --rigid); it and --scene drop leave a scene out"
+            else "; --web makes it smaller (--quantize, --meshopt and --rigid); --web and --scene drop leave out scenes"
         )
         say(f"note: {name} is {after / before:.3g} times as large as IN ({byte_size(after - before)} more){less}")
 

@@ -94,7 +94,7 @@ def report(
 
     IN is a mesh sequence, or a folder of them. DIR receives one HTML page that works offline (index.html), its charts
     as PNG and SVG, their data as CSV, all results as JSON (report.json), and a summary in Markdown (summary.md), which
-    is also printed. With several clips, each has a page in a folder of its own, and index.html covers all of them. All
+    is also printed. With several clips, each has a page in its own folder, and index.html covers all of them. All
     methods are compared at equal maximum error, on positions decoded from their bytes. Fields have a table of bits per
     value, compared in the same way.
 

@@ -38,7 +38,7 @@ def view(
     The page contains everything it needs: it works offline and from a local disk. It plays at any speed, also between
     frames. With a second file or the original, it shows both, and the distance between them at every vertex and over
     time. Fields colour the mesh, with a legend, the value under the pointer, a chart of the vertex or face that is
-    clicked, and their errors where there is an original. The original is read as by `pdecodec encode`: repeat the
+    clicked, and, if there is an original, their errors. The original is read as by `pdecodec encode`: repeat the
     options that it was encoded with.
     """
     from pdecodec.codec.opening import open_animation

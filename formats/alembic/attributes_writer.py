@@ -107,9 +107,9 @@ class ExtrasWriter:
             self._write_face_sets(item)
             for uv in uv_sets(item)[:1]:
                 if uv.values.shape[1] == 3:
-                    notices.append(f"the third number of {uv.name!r} is not kept: UVs have two in Alembic")
+                    notices.append(f"the third component of {uv.name!r} is not kept: UVs have two in Alembic")
                 if uv.indices is not None and (uv.indices < 0).any():
-                    notices.append(f"corners without a row of {uv.name!r} have (0, 0) in Alembic")
+                    notices.append(f"corners without a value of {uv.name!r} get (0, 0) in Alembic")
         put = partial(self._put_parameter, item, drawn, notices)
         notices += write_parameters(item, drawn, "Alembic", put, written, self._sets)
         if drawn.gather is not None:
@@ -164,7 +164,7 @@ class ExtrasWriter:
             name, kind = source_name(attribute, COLOR, COLOR), "C3f" if one.width == 3 else "C4f"
             values, indices, filled = indexed_rows(attribute)
             if filled:
-                notices.append(f"where {attribute.name!r} has no row it is white in Alembic")
+                notices.append(f"elements without a value of {attribute.name!r} are white in Alembic")
             if domain == "vertex" and indices is not None:
                 # Programs ignore indices of colours of vertices.
                 values, indices = values[indices], None

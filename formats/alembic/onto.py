@@ -132,7 +132,7 @@ class _Copy:
             if name == _CHILD_BOUNDS and not is_filled:
                 self._lost["bounds of children"] = None
             elif name == _VELOCITIES and fit is not None and has_others and not is_filled:
-                self._lost["velocities, which are others now, and are written on request"] = None
+                self._lost["velocities, which change with the motion, and are written on request"] = None
             elif fit is not None and name in _WRITTEN and not (name == _VELOCITIES and has_others):
                 continue
             elif header.isCompound():

@@ -140,7 +140,7 @@ def _archive_errors(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE_ERRORS as error:
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise damaged(f"is no Alembic file, or a damaged one ({reason}); export it again", path=path) from error
+        raise damaged(f"is not an Alembic file, or is damaged ({reason}); export it again", path=path) from error
 
 
 def _open_archive(path: Path) -> Any:

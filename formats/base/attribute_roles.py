@@ -279,7 +279,7 @@ def left_out(
     names = dict.fromkeys(one.name for item in sequence.objects for one in item.attributes if not held(item, one))
     keys = dict.fromkeys(key for key in sequence.metadata if key not in set(metadata))
     return tuple(
-        f"{title} has no place for {kind}: {', '.join(lost)}"
+        f"{title} cannot store {kind}:  {', '.join(lost)}"
         for kind, lost in (("attributes", names), ("metadata", keys))
         if lost
     )
@@ -297,7 +297,7 @@ def lost_by_joining(
     """
     notices: tuple[str, ...] = ()
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
-        notices = (f"{title} has no names: objects are joined to one {joined}",)
+        notices = (f"{title} has no names: objects are joined into one {joined}",)
     if colors is not None and any(main_color(item) is None for item in sequence.objects):
         notices += ("objects without colours are white",)
     if colors is not None:

@@ -193,8 +193,7 @@ def other_frames(path: Path) -> tuple[str, ...]:
         return ()
     pattern = f"{wanted['name']}{wanted['sign'] if len(set(signs)) == 1 else ''}*{wanted['end']}"
     return (
-        f"{path.name} is one of {len(signs)} files with the same name and other numbers; "
-        f"name '{pattern}' to read them all",
+        f"{path.name} is one of {len(signs)} files that differ only in their number; pass '{pattern}' to read them all",
     )
 
 
@@ -279,7 +278,7 @@ def _check_frames(sequence: Any, path: Path, *, wanted: Any) -> FrameFiles:
     if missing.size:
         raise InputError(
             f"frame number {missing[0]} is missing; restore the file, "
-            f"or give the range that is there in the pattern, as name.1-9x2####{sequence.extension()}",
+            f"or write the existing range into the pattern, as in name.1-9x2####{sequence.extension()}",
             code="frame-missing",
             path=path,
         )

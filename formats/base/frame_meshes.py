@@ -283,7 +283,7 @@ def runs_of_frames(
         raise InputError("there are no vertices in any frame; check the file", code="no-vertices")
     if sum(frames) < times.size:
         lost = f"{times.size - sum(frames)} of {times.size} frames have no vertices and are left out"
-        notices = (*notices, f"{lost}: until the next frame the previous one stays")
+        notices = (*notices, f"{lost}: the previous frame is shown in their place")
     first = open_run(kept[0][0], (times[kept[0][0] : kept[0][1]], fps, notices))
     if len(kept) == 1:
         return first
@@ -309,8 +309,10 @@ def _difference(mine: Connectivity, first: Connectivity) -> str:
     if mine.vertex_count != first.vertex_count:
         return f"there are {mine.vertex_count} vertices, but the first frame has {first.vertex_count}"
     if mine.face_count != first.face_count or mine.line_count != first.line_count:
-        return f"there are {mine.face_count} faces and {mine.line_count} lines, but the first frame has others"
-    return "faces or lines join other vertices than in the first frame"
+        return (
+            f"there are {mine.face_count} faces and {mine.line_count} lines, but the first frame has different numbers"
+        )
+    return "faces or lines join different vertices than in the first frame"
 
 
 def join_cells(

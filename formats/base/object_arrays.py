@@ -163,7 +163,7 @@ class LaidOutSequence(MeshSequence):
 def check_has_points(names: Sequence[str], what: str) -> None:
     """Raise InputError unless one of the names is ``points``."""
     if "points" not in names:
-        there = f"it has {', '.join(names)}: give this name to that of the positions" if names else "it is empty"
+        there = f"it has {', '.join(names)}; rename the one that holds the positions" if names else "it is empty"
         raise InputError(f"has no {what} named points, of shape (frames, vertices, 3); {there}", code="damaged-input")
 
 
@@ -255,7 +255,7 @@ def _json_of(arrays: Arrays, name: str) -> Mapping[str, Any]:
     except ValueError:
         found = None
     if not isinstance(found, dict):
-        raise damaged(f"{name} must be a JSON object of texts by names of fields; write it again")
+        raise damaged(f"{name} must be a JSON object that maps names of fields to texts; write it again")
     return found
 
 

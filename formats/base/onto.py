@@ -213,7 +213,7 @@ def match_objects(
     ours_by_name = _indices_by_name(sequence)
     if not theirs_by_name.keys() & ours_by_name.keys() and len(sequence.objects) == len(original.objects):
         theirs_by_name = ours_by_name
-        notices = (f"no object has the name of one in {source.name}: objects are matched in order",)
+        notices = (f"no object name occurs in {source.name}: objects are matched in order",)
     for name, alike in ours_by_name.items():
         if name in theirs_by_name and len(alike) != len(theirs_by_name[name]):
             raise InputError(

@@ -279,7 +279,7 @@ def write_sequence(
     check_path(where)
     fps = None if fps is None else as_positive(fps, "fps")
     if not isinstance(sequence, MeshSequence):
-        raise InputError(f"{shown(sequence)} is no mesh sequence; give one, such as ArraySequence", path=where)
+        raise InputError(f"{shown(sequence)} is not a mesh sequence; pass one, such as an ArraySequence", path=where)
     if rigid is not None and as_number(rigid, "rigid") < 0:
         raise SettingsError(f"must be a distance, not {shown(rigid)}", setting="rigid")
     entry = format_to_write(os.fsdecode(path))
@@ -337,7 +337,7 @@ def write_sequence(
             path=where,
             frame=frame,
             setting="frames",
-            purpose="to choose frames that have one",
+            purpose="to choose frames of one connectivity",
         )
     told_of_cells: list[str] = []
     whole = sequence if entry.holds_cells else surface_of(sequence, told_of_cells)

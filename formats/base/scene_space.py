@@ -143,7 +143,7 @@ class PlacedSequence(DerivedSequence):
             if known is not None:
                 turn = _TO_Y[known] @ _TO_Y[up_axis].T
             else:
-                unsaid = f"which axis is up is not recorded; it is taken to be {up_axis}, and nothing is turned"
+                unsaid = f"the up axis is not recorded; it is assumed to be {up_axis}, and nothing is turned"
                 self.notices = (*source.notices, unsaid)
         if metres is not None and scale != 1.0:
             metadata[UNIT] = unit_text(metres / scale)

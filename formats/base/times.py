@@ -121,7 +121,7 @@ def times_kept(
     if together.size:
         frame = int(together[0]) + 1
         raise InputError(
-            f"its time {float(times[frame])!r} s is the same as the one before in {title}; "
+            f"its time {float(times[frame])!r} s equals the previous one in {title}; "
             "write .npz or .h5, which keep times exactly",
             code="invalid-times",
             frame=frame,

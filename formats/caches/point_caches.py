@@ -105,7 +105,7 @@ def open_mdd(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
     frames, points = MDD_HEADER.unpack(_read_header(path, MDD_HEADER.size))
     size = path.stat().st_size
     if not (0 < frames <= size and 0 < points <= size):
-        raise damaged(f"its header says {frames} frames of {points} points: no MDD file, or a damaged one", path=path)
+        raise damaged(f"its header says {frames} frames of {points} points: not an MDD file, or damaged", path=path)
     start = MDD_HEADER.size + 4 * frames
     stored = np.frombuffer(_read_header(path, start)[MDD_HEADER.size :], ">f4").astype(np.float64)
     times, found = _remove_rounding(stored, fps)
@@ -118,11 +118,11 @@ def open_pc2(path: Path, *, fps: float | None, mesh: Mesh = None) -> MeshSequenc
     Raises
     ------
     InputError
-        If it is truncated, is no PC2 file, or the mesh does not fit.
+        If it is truncated, is not a PC2 file, or the mesh does not fit.
     """
     identifier, version, points, start, step, frames = PC2_HEADER.unpack(_read_header(path, PC2_HEADER.size))
     if (identifier, version) != (PC2_IDENTIFIER, PC2_VERSION):
-        raise damaged("is no PC2 file of version 1 (its first bytes are others)", path=path, offset=0)
+        raise damaged("is not a PC2 file of version 1 (its first bytes differ)", path=path, offset=0)
     if not (points > 0 and frames > 0 and math.isfinite(start) and 0 < step < math.inf):
         raise damaged(
             f"its header says {frames} frames of {points} points from {start:g} by {step:g}: a damaged file", path=path
@@ -159,7 +159,7 @@ def write_pc2(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         )
     header = PC2_HEADER.pack(PC2_IDENTIFIER, PC2_VERSION, sequence.vertex_count, start, step, sequence.frame_count)
     notices = _write_cache(sequence, output, "PC2", header, "<f4")
-    text = "PC2 does not say its frame rate"
+    text = "PC2 does not store the frame rate"
     notices += (Notice(text, setting="fps", value=f"{output.rate:.9g}", purpose="when it is read"),)
     if found is None and sequence.frame_count > 1:
         notices += ("PC2 has one step between frames: irregular times are lost, frames are counted",)

@@ -54,7 +54,7 @@ def decode_draco(data: bytes) -> DracoMesh:
         raise ValueError(f"Draco cannot decode it: {error}") from error
     rows = {len(values) for values in found.values()}
     if len(rows) != 1 or (faces.size and int(faces.max()) >= min(rows)):
-        raise ValueError("its compressed attributes and triangles do not fit each other")
+        raise ValueError("its compressed attributes and triangles do not match")
     return DracoMesh(
         {number: values.reshape(len(values), -1) for number, values in found.items()},
         faces.reshape(-1).astype(np.int64),

@@ -171,7 +171,7 @@ def read_gltf(path: Path) -> GltfFile:
     Raises
     ------
     InputError
-        If it is no glTF 2.0 file, is damaged, or needs an extension that is not read.
+        If it is not a glTF 2.0 file, is damaged, or needs an extension that is not read.
     """
     with read_errors(path):
         data = read_regular(path)
@@ -179,11 +179,11 @@ def read_gltf(path: Path) -> GltfFile:
     try:
         root = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise damaged(f"is no glTF file, or a damaged one ({error}); export it again", path=path) from error
+        raise damaged(f"is not a glTF file, or is damaged ({error}); export it again", path=path) from error
     asset = root.get("asset", {}) if isinstance(root, dict) else {}
     version = asset.get("version") if isinstance(asset, dict) else None
     if not (isinstance(version, str) and version.startswith("2.")):
-        raise damaged(f"is no glTF 2.0 file (its version is {version}); export it again", path=path)
+        raise damaged(f"is not a glTF 2.0 file (its version is {version}); export it again", path=path)
     with naming_file(path):
         root = check_types(root)
     required = root.get("extensionsRequired", [])

@@ -72,7 +72,7 @@ def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Co
     used = {one.get("material") for mesh in file.listed("meshes") for one in mesh.get("primitives", ())}
     unused = [_name(one, "material", k) for k, one in enumerate(file.listed("materials")) if k not in used]
     if unused:
-        yield f"materials {listed(unused)}, which no mesh has"
+        yield f"materials {listed(unused)}, which no mesh uses"
     bare = {k for k, one in enumerate(nodes.entries) if k not in moving and not {"mesh", "camera"} & one.keys()}
     animated = {node for node, _ in clip.samplers if node < len(nodes.entries)} - set(moving) if clip else set()
     for word, numbers in (("nodes without meshes", bare), ("animation of nodes without meshes", animated)):

@@ -96,7 +96,7 @@ class GltfSequence(SceneSequence):
     Raises
     ------
     InputError
-        If the file is no glTF 2.0 file, is damaged, holds no mesh, or has no animation of that name.
+        If the file is not a glTF 2.0 file, is damaged, holds no mesh, or has no animation of that name.
     """
 
     def __init__(

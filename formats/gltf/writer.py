@@ -237,12 +237,12 @@ class GltfScene:
             )
         if bow > (self._bound or 0.0):
             text = f"between frames the motion is the decoder's spline, up to {bow:.2g} from straight lines"
-            notices.append(Notice(text, setting="straight", purpose="to go straight, as the keys of most scenes do"))
+            notices.append(Notice(text, setting="straight", purpose="to interpolate linearly, as most scenes do"))
         if targets > FILAMENT_MAX_TARGETS:
             text = f"{targets} morph targets: some viewers show only {FILAMENT_MAX_TARGETS} (Filament), most 2048"
             notices.append(Notice(text, setting="frames", purpose="to take fewer"))
         if angle > NOTICED_NORMAL_ANGLE:
-            notices.append(f"normals are up to {angle:.2g} degrees off, as functions of time give them")
+            notices.append(f"normals are up to {angle:.2g} degrees off, because functions of time approximate them")
         return notices
 
     def _rigid_objects(self) -> dict[int, RigidObject]:

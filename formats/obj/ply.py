@@ -68,7 +68,7 @@ def _read_ply(path: Path) -> MeshFile:
         try:
             return _mesh(_parsed(path))
         except _DAMAGE as error:
-            raise damaged(f"is no PLY file, or a damaged one ({error}); export it again", path=path) from error
+            raise damaged(f"is not a PLY file, or is damaged ({error}); export it again", path=path) from error
 
 
 def _parsed(path: Path) -> Any:

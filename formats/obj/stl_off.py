@@ -52,7 +52,7 @@ def _read_stl(path: Path) -> MeshFile:
     else:
         found = _STL_VERTEX.findall(data) if data.lstrip().startswith(b"solid") else []
         if not found or len(found) % 3 or b"endsolid" not in data:
-            raise damaged("is no STL file, or a truncated one; export it again", path=path)
+            raise damaged("is not an STL file, or is truncated; export it again", path=path)
         points = _positions([number for row in found for number in row], path)
         solids = [name.decode("utf-8", "replace") for name in _SOLID.findall(data)]
         lost = [f"solid {name}" for name in solids if name]
@@ -67,7 +67,7 @@ def _read_off(path: Path) -> MeshFile:
         lines = [line.partition(b"#")[0].split() for line in path.read_bytes().splitlines()]
     words = [line for line in lines if line]
     if not words or words[0][0] != b"OFF":
-        raise damaged("is no OFF file (it does not begin with OFF); export it again", path=path)
+        raise damaged("is not an OFF file (it does not begin with OFF); export it again", path=path)
     head = words[0][1:] or (words[1] if len(words) > 1 else [])
     body = words[1:] if words[0][1:] else words[2:]
     try:
@@ -118,7 +118,7 @@ def _positions(words: list[bytes], path: Path) -> Positions:
     try:
         numbers = np.array(words).astype(np.float64).reshape(-1, 3)
     except ValueError as error:
-        raise damaged(f"holds what is no number ({error}); export it again", path=path) from error
+        raise damaged(f"holds a value that is not a number ({error}); export it again", path=path) from error
     with np.errstate(over="ignore"):
         rounded = numbers.astype(np.float32)
     return restore_shortest_floats(numbers, rounded) if is_rounding_noticeable(rounded) else rounded

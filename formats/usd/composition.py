@@ -48,7 +48,7 @@ def stage_errors(path: Path) -> Iterator[None]:
             # USD's message quotes the file, whose text is not UTF-8.
             lines = ["its text is not UTF-8"]
         reason = WHERE_IN_USD.sub("", lines[-1]).strip("'") if lines else "unknown"
-        raise damaged(f"is no USD file, or a damaged one ({reason}); export it again", path=path) from error
+        raise damaged(f"is not a USD file, or is damaged ({reason}); export it again", path=path) from error
     except PdecodecError:
         raise
     except (TypeError, ValueError) as error:
@@ -94,7 +94,7 @@ def check_composition(stage: Any, refusals: Refusals) -> tuple[str, ...]:
             continue
         arc = found["arc"] or found["by"] or "part"
         if _is_look(stage.GetPrimAtPath(path)):
-            notices[f"not there: {name}, a {arc} of {path}"] = None
+            notices[f"missing: {name}, a {arc} of {path}"] = None
         else:
             missing.setdefault((name, f"no {what}, and it is a {arc} of"), {})[str(path).lstrip("/")] = None
     for prim in stage.TraverseAll():

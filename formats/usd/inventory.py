@@ -30,7 +30,7 @@ class Fate(Enum):
     APPLIED = "applied to positions"
     COMPOSED = "composed by USD"
     COMPUTED = "computed anew"
-    DEFAULT = "as where it is not said"
+    DEFAULT = "the same as when it is not stated"
     TOLD = "told apart"
     DROPPED = "dropped"
 

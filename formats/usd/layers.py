@@ -31,7 +31,7 @@ def open_stage(path: Path) -> Any:
     InputError
         If one of its layers or value clips is outside the folder of the file, or no regular file.
     Tf.ErrorException
-        If it is no USD file, or a damaged one.
+        If it is not a USD file, or is damaged.
     """
     known = Sdf.Layer.Find(str(path))
     if known is not None:

@@ -52,7 +52,7 @@ def open_usd(
     Raises
     ------
     InputError
-        If it is no USD file, or holds no geometry.
+        If it is not a USD file, or holds no geometry.
     """
     with stage_errors(path):
         stage = open_stage(path)

@@ -174,18 +174,18 @@ class _Stage:
         stage.SetEndTimeCode(last)
         axis, metres = up_axis_of(sequence), metres_per_unit(sequence)
         if axis == "X":
-            text = "USD has no up axis X: none is written, programs take it as Y"
+            text = "USD has no up axis X: none is written, and programs assume Y"
             self.notices.append(Notice(text, setting="up_axis", purpose="to turn it"))
         # Metadata that the sequence does not state is not authored, because a reader would take it for a fact.
         if axis in ("Y", "Z"):
             UsdGeom.SetStageUpAxis(stage, axis)
         elif axis is None:
-            text = "which axis is up is not recorded: programs take it as Y"
+            text = "the up axis is not recorded: programs assume Y"
             self.notices.append(Notice(text, setting="up_axis", purpose="to say it"))
         if metres is not None:
             UsdGeom.SetStageMetersPerUnit(stage, metres)
         else:
-            text = f"the length of a unit is not recorded: programs take it as {USD_METRES} m, a metre as its hundredth"
+            text = f"the length of a unit is not recorded: programs assume {USD_METRES} m, one hundredth of a metre"
             self.notices.append(Notice(text, setting="unit", value="m", purpose="to say it"))
         layer = stage.GetRootLayer()
         data = dict(layer.customLayerData)

@@ -241,7 +241,7 @@ class Cells:
         corners: dict[int, list[Int64Array]] = {}
         for _, rows, _ in self._solids:
             if rows.size and (rows.min() < 0 or rows.max() >= nodes):
-                raise damaged(f"a cell has node {int(rows.max())}, there are {nodes}; export the file again")
+                raise damaged(f"a cell has node {int(rows.max())}, but there are {nodes}; export the file again")
         volumes = dict.fromkeys(_SOLIDS, 0.0)
         for kind, rows, _ in self._solids:
             volumes[kind] += _volume(points, rows, _SOLIDS[kind].faces)

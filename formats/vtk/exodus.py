@@ -109,7 +109,7 @@ class ExodusSequence(MeshSequence):
             self._open(fps)
         except HDF5_DAMAGE as error:
             self.close()
-            raise damaged(f"is no Exodus file, or a damaged one ({error}); export it again", path=path) from error
+            raise damaged(f"is not an Exodus file, or is damaged ({error}); export it again", path=path) from error
         except InputError:
             self.close()
             raise

@@ -89,7 +89,7 @@ def element_blocks(sequence: MeshSequence) -> tuple[list[Block], tuple[str, ...]
         first_vertex, first_face = first_vertex + whole.vertex_count, first_face + whole.face_count
     if any((item.connectivity.line_counts > 2).any() for item in sequence.objects):
         notices.append("lines of more than 2 vertices are written as segments")
-    notices += _name_notices(sequence, wanted, "their names are names of blocks")
+    notices += _name_notices(sequence, wanted, "their names become names of blocks")
     return [*faces, *lines], tuple(notices), is_group_kept
 
 
@@ -97,7 +97,7 @@ def _name_notices(sequence: MeshSequence, names: Sequence[tuple[str, str]], fate
     """Return notices about names of objects, and about those of blocks: pairs of the wanted and the given name."""
     told = []
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
-        told.append(f"Exodus has no objects: they are joined to one mesh, and {fate}")
+        told.append(f"Exodus has no objects: they are joined into one mesh, and {fate}")
     if changed := [f"{name!r} as {given!r}" for name, given in names if name != given]:
         told.append(f"names of blocks that had to change: {', '.join(changed)}")
     return told
@@ -128,7 +128,7 @@ def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block
     runs = np.split(np.arange(len(keys)), cuts)
     told = []
     if len(runs) > MAX_RUNS:
-        told.append("cells are in another order, by kind and block: in theirs they would be too many blocks")
+        told.append("cells are ordered by kind and block: in their own order they would form too many blocks")
         _, number = np.unique(keys, axis=0, return_inverse=True)
         number = number.reshape(-1)
         runs = np.split(np.argsort(number, kind="stable"), np.flatnonzero(np.diff(np.sort(number))) + 1)

@@ -41,7 +41,7 @@ def listed_parts(path: Path, scope: FileScope) -> list[Path]:
         if root.get("type") != kind or found is None:
             raise ValueError(f"its type is {root.get('type')}")
     except (ElementTree.ParseError, OSError, ValueError) as error:
-        raise damaged(f"is no {path.suffix[1:]} file, or a damaged one ({error}); write it again", path=path) from error
+        raise damaged(f"is not a {path.suffix[1:]} file, or is damaged ({error}); write it again", path=path) from error
     names = [one.get("Source", "") for one in found.findall("Piece")]
     if kind == PARTS[".vtm"]:
         # A block without data has no file.
@@ -80,7 +80,7 @@ def read_pvd(path: Path, scope: FileScope) -> tuple[list[float], list[list[Path]
             for row in rows
         ]
     except (ElementTree.ParseError, OSError, ValueError) as error:
-        raise damaged(f"is no PVD file, or a damaged one ({error}); write it again", path=path) from error
+        raise damaged(f"is not a PVD file, or is damaged ({error}); write it again", path=path) from error
     entries = [
         Entry(time, scope.checked(file, path.parent), None if part is None else f"{group or ''} {part}".strip())
         for time, file, part, group in found
@@ -103,7 +103,7 @@ def read_series(path: Path, scope: FileScope) -> tuple[list[float] | None, list[
         files = json.loads(read_regular(path))["files"]
         found = [(str(one["name"]), None if one.get("time") is None else float(one["time"])) for one in files]
     except (ArithmeticError, OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise damaged(f"is no file series, or a damaged one ({error}); write it again", path=path) from error
+        raise damaged(f"is not a file series, or is damaged ({error}); write it again", path=path) from error
     times = [time for _, time in found if time is not None]
     if not found or 0 < len(times) < len(found) or not all(map(math.isfinite, times)):
         raise damaged("lists no files with times; write it again", path=path)

@@ -151,7 +151,7 @@ def _read_vtp(path: Path, wanted: str | None, *, solids: Solids) -> GridFile:
     try:
         return XmlFile(path, wanted, solids).grid
     except XML_DAMAGE as error:
-        raise damaged(f"is no VTP file, or a damaged one ({error}); export it again", path=path) from error
+        raise damaged(f"is not a VTP file, or is damaged ({error}); export it again", path=path) from error
 
 
 def _read_with_meshio(path: Path, wanted: str | None, *, solids: Solids) -> GridFile:

@@ -74,7 +74,7 @@ def motion_notices(chosen: str | None, vectors: Sequence[str], asked: str | None
     vectors = [name for name in vectors if name.lower() not in NEVER_DISPLACEMENTS]
     if moves or asked is not None or not vectors:
         return ()
-    text = f"the mesh stands still: nothing says that {quoted(vectors)} {_are(vectors)} its displacement"
+    text = f"the mesh does not move: nothing marks {quoted(vectors)} as its displacement"
     return (Notice(text, setting="displacement", value="NAME", purpose="to add vectors to the geometry"),)
 
 
@@ -124,7 +124,3 @@ def moved(points: NDArray[np.floating], vectors: NDArray[np.generic], name: str,
     found = points.astype(np.result_type(points, vectors, np.float32), copy=True)
     found[:, : vectors.shape[1]] += vectors
     return found
-
-
-def _are(names: Sequence[str]) -> str:
-    return "is" if len(names) == 1 else "are"

@@ -124,7 +124,7 @@ class AttributeFields:
         """Return type and components of an attribute; InputError if it has not the same number for each element."""
         dtype, size = self._items.layout(attribute)
         if size % stored or not 0 < size // stored <= MAX_COMPONENTS:
-            raise damaged(f"{size} values are none for each of {stored} elements")
+            raise damaged(f"{size} values do not divide evenly among {stored} elements")
         return np.dtype(np.float32) if dtype == np.float16 else dtype, size // stored
 
     def read(self, field: Field, frame: int, objects: Sequence[MeshObject]) -> NDArray[Any]:

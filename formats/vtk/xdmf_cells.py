@@ -138,7 +138,7 @@ def _add_mixed(cells: Cells, numbers: Int64Array, first: int, path: Path) -> Non
             key, at = (_MIXED_COUNTED[number], int(numbers[at + 1])), at + 2
         else:
             raise InputError(
-                f"cells of number {number} in a mixed topology are not read", code="unsupported-feature", path=path
+                f"cells of type number {number} in a mixed topology are not read", code="unsupported-feature", path=path
             )
         size = key[1]
         if size < 1 or at + size > numbers.size:

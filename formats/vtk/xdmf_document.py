@@ -112,7 +112,7 @@ class Document:
                 try:
                     self._roots[key] = ElementTree.parse(file).getroot()
                 except (ElementTree.ParseError, OSError, ValueError) as error:
-                    raise damaged(f"is no XDMF file, or a damaged one ({error}); write it again", path=path) from error
+                    raise damaged(f"is not an XDMF file, or is damaged ({error}); write it again", path=path) from error
             self._homes.update(dict.fromkeys(self._roots[key].iter(), (path.parent, self._roots[key])))
         return self._roots[key]
 
@@ -140,7 +140,7 @@ class Document:
         """Return the elements that an XInclude element names."""
         name, pointer = include.get("href", ""), include.get("xpointer", "").strip()
         if include.get("parse", "xml") != "xml" or (not name and not pointer) or "://" in name:
-            raise damaged(f"includes {name or 'text'!r}, which is no XDMF file next to it", path=self.path)
+            raise damaged(f"includes {name or 'text'!r}, which is not an XDMF file next to it", path=self.path)
         if name:
             root = self._parse(name, self.folder(include))
         if not pointer:

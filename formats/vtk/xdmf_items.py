@@ -239,7 +239,9 @@ class Items:
             whole = self.numbers(source)
             values = whole[self._check_selection(selection, whole.shape)]
         if values.shape != tuple(count):
-            raise damaged(f"a HyperSlab selects {count} values of fewer; write it again", path=self._path)
+            raise damaged(
+                f"a HyperSlab selects {count} values, but its source has fewer; write it again", path=self._path
+            )
         return values
 
     def _check_selection(self, selection: Selection, shape: Sequence[int]) -> Selection:
@@ -260,7 +262,7 @@ class Items:
         columns = [parts[number].reshape(-1) for number in numbers]
         shape = self._shape(item)
         if len({column.size for column in columns}) != 1 or shape != (columns[0].size, len(columns)):
-            raise self._refused(f"the function {text!r} of items that are not one number an element is not read")
+            raise self._refused(f"the function {text!r} of items with several numbers per element is not read")
         return np.stack(columns, axis=1)
 
 
@@ -294,7 +296,7 @@ def _parsed(words: Sequence[str], item: Element) -> NDArray[Any]:
 def _selection(start: Sequence[int], stride: Sequence[int], count: Sequence[int]) -> Selection:
     """Return slices that end just after the last value taken, so that `stop` shows how far they reach."""
     if min(*start, *count, 0) < 0 or min(stride) < 1:
-        raise ValueError("a part of an array begins before it")
+        raise ValueError("a part of an array begins before the array")
     return tuple(
         slice(first, first + step * (number - 1) + 1 if number else first, step)
         for first, step, number in zip(start, stride, count, strict=True)

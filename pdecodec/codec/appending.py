@@ -51,7 +51,7 @@ class AppendingEncoder(AutoEncoder):
     ) -> None:
         bound = bound_of(animation)
         if bound is None:
-            raise SettingsError("was encoded without a bound, within which frames could be coded", path=animation.path)
+            raise SettingsError("was encoded without a bound, which is needed to add frames", path=animation.path)
         super().__init__(sequence, EncodeSettings(max_error=bound, effort=effort), progress)
         self._first = animation.read_frames(0, 1)[0]
         self._residual_step = residual_step
@@ -76,7 +76,7 @@ class AppendingEncoder(AutoEncoder):
                 for vertex in (self._ties[tied[index]], tied[index])
             )
             raise InputError(
-                f"{one} and {other} have one position in every frame of the file, and two here; "
+                f"{one} and {other} coincide in every frame of the file, but not here; "
                 "encode all frames together from their source",
                 code="object-mismatch",
                 frame=begin + frame,

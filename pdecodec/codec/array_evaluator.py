@@ -82,7 +82,7 @@ class ArrayEvaluator:
         self, animation: Animation, library: Any, *, device: Any = None, groups_kept: int = GROUPS_KEPT
     ) -> None:
         if isinstance(animation, ChangingAnimation):
-            raise SettingsError("is of several runs of frames; take one of its runs", path=animation.path)
+            raise SettingsError("has several runs of frames; take one of its runs", path=animation.path)
         self._animation, self._library = animation, library
         self._place = {} if device is None else {"device": device}
         self._factors = _Kept[Any](groups_kept)

@@ -55,7 +55,9 @@ class CodedFile:
             if "RUNS" in self._sections:
                 if run is None:
                     raise InputError(
-                        "has several runs of frames, which are not joined yet", code="unsupported-feature", path=path
+                        "has several runs of frames; joining such files is not supported",
+                        code="unsupported-feature",
+                        path=path,
                     )
                 one = whole.runs[run]
                 assert isinstance(one, Animation)

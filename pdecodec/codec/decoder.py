@@ -48,7 +48,7 @@ def _writable(out: Any) -> NDArray[Any]:
         return _core.writable_view(out)
     except TypeError as error:
         raise SettingsError(
-            "the array to write to must be of numpy, or export float32 of main memory through DLPack"
+            "the array to write to must be a numpy array, or export float32 in main memory through DLPack"
         ) from error
 
 
@@ -206,7 +206,9 @@ class Animation(MeshSequence):
         if object is not None:
             as_integer(object, "object", 0, len(self.meshes) - 1)
         if as_integer(derivative, "derivative", 0, 2) and field.is_exact:
-            raise SettingsError(f"field {name!r} is of {field.dtype}, which has no derivative", setting="derivative")
+            raise SettingsError(
+                f"field {name!r} is of type {field.dtype}, which has no derivative", setting="derivative"
+            )
         shape = list(field.shape(asked.size, self.meshes))
         if object is not None:
             shape[1] = field.row_counts(self.meshes)[object]
@@ -343,7 +345,7 @@ class Animation(MeshSequence):
         """Return positions at several times, (n, vertices, 3), as :meth:`positions` of a list."""
         asked = as_numbers(times, "times")
         if asked.ndim == 0:
-            raise SettingsError("must be a list of numbers; `positions` takes a single one, too", setting="times")
+            raise SettingsError("must be a list of numbers; `positions` also takes a single time", setting="times")
         return self._evaluated(POSITIONS, asked, out, outside)
 
     def _evaluated(self, quantity: int, times: ArrayLike, out: Any, outside: Outside) -> Any:

@@ -209,7 +209,7 @@ def _following(
     if not shift:
         if times[0] - before[-1] < SHORTEST_TIME_STEP:
             raise SettingsError(
-                f"begins at {times[0]:g} s, and what is before it ends at {before[-1]:g} s; its times can be moved",
+                f"begins at {times[0]:g} s, but the frames before it end at {before[-1]:g} s; its times can be shifted",
                 path=path,
             )
         return times

@@ -182,7 +182,7 @@ def _scene_of(sequence: MeshSequence, settings: EncodeSettings) -> _Scene:
     if settings.scene == "drop" or sequence.carried is None:
         return _Scene()
     if settings.order == "free":
-        return _Scene(note="it needs the order of vertices and faces, which is free")
+        return _Scene(note="it needs the original order of vertices and faces, and the order is free")
     try:
         carrier: Carrier | None = sequence.carried.carrier(
             sequence,

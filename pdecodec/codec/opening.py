@@ -135,7 +135,7 @@ class ChangingAnimation(ChangingSequence, Animation):
         return [*found.values()]
 
     def coefficients(self, group: int) -> PaperForm:
-        raise SettingsError(f"coefficients are of one run of frames, of which there are {len(self.runs)}; choose one")
+        raise SettingsError(f"coefficients belong to one run of frames, and the file has {len(self.runs)}; choose one")
 
     @property
     def sections(self) -> dict[str, int]:

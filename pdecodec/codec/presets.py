@@ -90,7 +90,7 @@ def normal_limit(sequence: MeshSequence, preset: Preset) -> RateLimit | None:
     if preset.normal_angle is None or preset.tolerance is None:
         return None
     if not any(run.connectivity.face_count for run in sequence.runs):
-        message = "hero is for normals, and this clip has no faces; give a tolerance instead"
+        message = "hero limits the error of normals, and this clip has no faces; give a tolerance instead"
         raise SettingsError(message, code="setting-unsupported", setting="preset")
     angle = preset.normal_angle
     return RateLimit(
@@ -101,7 +101,7 @@ def normal_limit(sequence: MeshSequence, preset: Preset) -> RateLimit | None:
         coarsest=preset.tolerance,
         close=HERO_CLOSE,
         refusal=lambda least: (
-            f"no tolerance keeps 99 % of the normals within {angle:g} degrees: the least is {least:.3g}; "
+            f"no tolerance keeps 99 % of the normals within {angle:g} degrees: the smallest reached is {least:.3g}; "
             "give a tolerance instead"
         ),
     )

@@ -107,7 +107,7 @@ def rate_limit(*, rms: float | None = None, size: int | None = None) -> RateLimi
             falls=True,
             start=DEFAULT_TOLERANCE,
             refusal=lambda least: (
-                f"no tolerance up to {COARSEST:g} gives a file of {size} bytes: the smallest takes {least:.0f}; "
+                f"no tolerance up to {COARSEST:g} gives a file of {size} bytes: the smallest file takes {least:.0f}; "
                 "allow as many, or encode less"
             ),
         )

@@ -217,7 +217,7 @@ def _summary(sequence: ChangingSequence) -> str:
         for values in (sequence.run_frames, sequence.run_vertices)
     )
     count = counted(len(sequence.runs), "run")
-    return f"{count} of frames that have faces of their own; frames of each: {frames}, vertices: {vertices}"
+    return f"{count} of frames with their own faces; frames of each: {frames}, vertices: {vertices}"
 
 
 PROFILES: dict[Profile, type[Encoder]] = {"auto": AutoEncoder, "paper": PaperEncoder}

@@ -211,7 +211,7 @@ class EncodeSettings:
         if not isinstance(self.paper, PaperSettings):
             raise SettingsError(f"must be PaperSettings, not {shown(self.paper)}", setting="paper")
         if self.profile != "paper" and self.paper != PaperSettings():
-            message = "segment_frames, piece_points, alpha and r are settings of the profile paper; take it"
+            message = "segment_frames, piece_points, alpha and r are settings of the profile paper; choose that profile"
             raise SettingsError(message, code="setting-unsupported")
 
     def bound(self, scale: float) -> float | None:

@@ -65,7 +65,7 @@ def alternatives_of(animation: Animation) -> list[Question]:
     """
     if len(animation.runs) > 1:
         raise InputError(
-            "has several runs of frames, which are encoded each by itself",
+            "has several runs of frames, each of which was encoded separately",
             code="unsupported-feature",
             path=animation.path,
         )

@@ -80,7 +80,7 @@ class Field:
         if self.domain not in get_args(FieldDomain):
             raise self._error(f"has the unknown domain {shown(self.domain)}; use vertex, face, corner, object or cell")
         if self.dtype not in DTYPES:
-            raise self._error(f"is of type {self.dtype}; there are {', '.join(map(str, DTYPES))}")
+            raise self._error(f"has the unsupported type {self.dtype}; use one of {', '.join(map(str, DTYPES))}")
         if self.components < 1:
             raise self._error(f"has {self.components} components; give 1 or more")
         if self.objects is not None and (not self.objects or self.objects[0] < 0 or (np.diff(self.objects) <= 0).any()):

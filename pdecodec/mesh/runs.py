@@ -152,11 +152,11 @@ class ChangingSequence(MeshSequence):
     def _only_run(self) -> MeshSequence:
         if len(self._starts) > 1:
             raise InputError(
-                "its connectivity changes, and this takes one that does not",
+                "its connectivity changes, but this needs constant connectivity",
                 code="connectivity-changes",
                 frame=int(self._starts[1]),
                 setting="frames",
-                purpose="to choose frames that have one",
+                purpose="to choose frames of one connectivity",
             )
         return self.runs[0]
 
@@ -240,5 +240,5 @@ def one_run_of(sequence: ChangingSequence, times: Float64Array) -> int:
     """
     numbers = {sequence.run_number_at(float(time)) for time in (times.min(), times.max())} if times.size else {0}
     if len(numbers) > 1:
-        raise SettingsError("the times lie in several runs of frames, whose vertices differ; ask for them run by run")
+        raise SettingsError("the times lie in several runs of frames, whose vertices differ; request them run by run")
     return numbers.pop()

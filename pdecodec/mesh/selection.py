@@ -83,7 +83,8 @@ class SelectedRuns(ChangingSequence):
         chosen = np.asarray(list(frames), np.int64)
         if chosen.size == 0 or chosen[0] < 0 or chosen[-1] >= source.frame_count or (np.diff(chosen) <= 0).any():
             raise InputError(
-                f"frames must increase within 0 to {source.frame_count - 1}, and be some", code="frame-out-of-range"
+                f"at least one frame must be given, and frames must increase within 0 to {source.frame_count - 1}",
+                code="frame-out-of-range",
             )
         self._source = source
         numbers = np.searchsorted(source.run_starts, chosen, side="right") - 1

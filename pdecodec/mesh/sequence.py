@@ -105,7 +105,7 @@ class Connectivity:
             object.__setattr__(self, name, _int32(getattr(self, name), name))
         shapes = _int32(self.cell_shapes, "cell_shapes")
         if shapes.size != self.cell_count or (shapes.size and not 0 <= shapes.min() <= shapes.max() < len(CELL_SHAPES)):
-            raise InputError("cells need one shape each, a place in CELL_SHAPES", code="invalid-faces")
+            raise InputError("each cell needs a shape, an index of CELL_SHAPES", code="invalid-faces")
         object.__setattr__(self, "cell_shapes", shapes.astype(np.uint8))
         self._check("face", self.face_counts, self.face_indices, smallest=3)
         self._check("line", self.line_counts, self.line_indices, smallest=1)
@@ -116,7 +116,8 @@ class Connectivity:
         if small.size:
             needed = np.broadcast_to(smallest, counts.shape)[small[0]]
             raise InputError(
-                f"{what} {int(small[0])} has {int(counts[small[0]])} points, needs {int(needed)}", code="invalid-faces"
+                f"{what} {int(small[0])} has {int(counts[small[0]])} points, but needs {int(needed)}",
+                code="invalid-faces",
             )
         if int(counts.sum(dtype=np.int64)) != indices.size:
             raise InputError(
@@ -273,8 +274,8 @@ class MeshObject:
                 if attribute.domain not in rows:
                     known = ", ".join((*rows, "object"))
                     raise InputError(
-                        f"attribute {attribute.name!r} of object {self.name!r} is of '{attribute.domain}'; there are "
-                        f"{known}",
+                        f"attribute {attribute.name!r} of object {self.name!r} has the unknown domain "
+                        f"'{attribute.domain}'; use {known}",
                         code="invalid-attribute",
                     )
                 self._check(attribute, rows[attribute.domain])
@@ -608,12 +609,12 @@ class ArraySequence(MeshSequence):
         ):
             raise InputError(f"objects must be a list of MeshObject, not {shown(objects)}")
         if objects and faces is not None:
-            raise InputError("objects have faces of their own; give either objects or faces")
+            raise InputError("objects have their own faces; give either objects or faces")
         if metadata is not None and not isinstance(metadata, Mapping):
             raise InputError(f"metadata must be a mapping of names to texts, not {shown(metadata)}")
         self.objects = tuple(objects) if objects else (MeshObject("mesh", polygons),)
         if self.vertex_count != vertices:
-            raise InputError(f"objects have {self.vertex_count} vertices, points have {vertices}")
+            raise InputError(f"objects have {self.vertex_count} vertices, but points have {vertices}")
         self.times, self.fps = check_times(frames, times, fps)
         if vertices == 0:
             raise InputError("there are no vertices; give at least one", code="no-vertices")

@@ -109,7 +109,7 @@ def times_at_rate(first: float, last: float, fps: float) -> Float64Array:
     if intervals >= MAX_TIMES:
         raise SettingsError(
             f"{fps:g} frames per second are {intervals:.3g} frames from {first:g} to {last:g} s, "
-            f"more than {MAX_TIMES:,}; take a lower rate"
+            f"more than {MAX_TIMES:,}; choose a lower rate"
         )
     return first + np.arange(int(intervals) + 1) / fps
 
@@ -159,6 +159,6 @@ def times_inside(times: Float64Array, first: float, last: float, outside: Outsid
         return np.clip(times, first, last)
     if np.isinf(times).any():
         raise SettingsError(
-            "an infinite time has no place in a loop; ask for a finite one, or for clamping", code="time-out-of-range"
+            "an infinite time cannot be looped; ask for a finite one, or for clamping", code="time-out-of-range"
         )
     return np.where(beyond, first + np.mod(times - first, last - first), np.clip(times, first, last))

@@ -125,7 +125,7 @@ ENCODE, DECODE = "encode a.npz -o a.pdeanim", "decode a.pdeanim -o a.npz"
         ("encode a.npz -o a.npz", "pdecodec convert"),
         (f"{ENCODE} --tolerance -1", "tolerance"),
         (f"{ENCODE} --profile paper --segment-frames 1", "--segment-frames must be from 2 to 64"),
-        (f"{ENCODE} --alpha 2", "are settings of the profile paper; take it"),
+        (f"{ENCODE} --alpha 2", "are settings of the profile paper; choose that profile"),
         (f"{ENCODE} --tolerance 1 --rms 1", "--tolerance and --rms exclude each other; give one of them"),
         (f"{ENCODE} --preset hero --tolerance 1", "--preset and --tolerance exclude each other; give one of them"),
         (f"{ENCODE} --max-error 1 --size 1", "--max-error and --size exclude each other; give one of them"),
@@ -170,7 +170,7 @@ def test_invalid_rates_times_and_limits_are_refused_without_a_frame(
     for fps in ("0", "-24", "nan"):
         assert "--fps must be" in error_of(capsys, 2, "info", source, f"--fps={fps}")
         assert "--fps must be" in error_of(capsys, 2, *decode, f"--fps={fps}")
-    assert "take a lower rate" in error_of(capsys, 2, *decode, "--fps", "1e12")
+    assert "choose a lower rate" in error_of(capsys, 2, *decode, "--fps", "1e12")
     for time in ("nan", "inf", "-inf"):
         assert error_of(capsys, 2, *decode, f"--at={time}") == f"error: --at {time}: is not a time; give seconds"
     times = tmp_path / "times.txt"

@@ -121,7 +121,7 @@ def test_hyphens_before_unpadded_numbers_are_of_the_name(clip: ArraySequence, na
 def test_one_frame_of_several_is_noted(clip: ArraySequence, capsys: Capture) -> None:
     write_sequence(clip, "walk.####.obj")
     assert run(["convert", "walk.0003.obj", "one.npz"]) == 0
-    others = "walk.0003.obj is one of 20 files with the same name and other numbers; name 'walk.*.obj' to read them all"
+    others = "walk.0003.obj is one of 20 files that differ only in their number; pass 'walk.*.obj' to read them all"
     assert f"note: {others}\n" in capsys.readouterr().err
     assert run(["convert", "walk.*.obj", "-o", "out/", "--to", "npz"]) == 0
     assert os.listdir("out") == ["walk.npz"]

@@ -117,7 +117,7 @@ def test_numbers_are_written_for_people() -> None:
         ("--frames 0:1", "there is one frame, so nothing moves; name a pattern or a folder for a sequence of files"),
         (
             "--tolerance 10%",
-            "nothing moves: every frame lies within the tolerance of one pose; a smaller one keeps motion",
+            "nothing moves: every frame lies within the tolerance of one pose; a smaller tolerance keeps motion",
         ),
         ("--tolerance 0.12 --frames 0:1", "the tolerance is 0.12 of the diagonal, which hides shapes; 0.001 is usual"),
         ("--size 10MB", "the file is lossless and takes less than the 10000000 bytes that are allowed"),
@@ -145,7 +145,7 @@ def test_a_still_input_has_lost_no_motion(has_field: bool, tmp_path: Path, capsy
     assert run(["encode", source, output]) == 0
     text = capsys.readouterr().err
     assert ("warning: nothing moves: all frames of the input are the same" in text) == (not has_field)
-    assert "smaller one keeps motion" not in text
+    assert "smaller tolerance keeps motion" not in text
     assert (" of fields; positions 4.8 kB -> " in text) == has_field
 
 

@@ -159,9 +159,9 @@ def test_damaged_cells_are_refused() -> None:
 @pytest.mark.parametrize(
     ("shapes", "counts", "indices", "complaint"),
     [
-        ([5], [3], [0, 1, 2], "cell 0 has 3 points, needs 4"),
-        ([9], [3], [0, 1, 2], "one shape each"),
-        ([3, 3], [3], [0, 1, 2], "one shape each"),
+        ([5], [3], [0, 1, 2], "cell 0 has 3 points, but needs 4"),
+        ([9], [3], [0, 1, 2], "needs a shape"),
+        ([3, 3], [3], [0, 1, 2], "needs a shape"),
         ([3], [3], [0, 1, 9], "cell 0 refers to vertex 9"),
     ],
 )

@@ -163,7 +163,7 @@ def test_frames_are_appended_within_the_bound_and_nothing_before_them_changes(cl
 
 def test_appended_frames_follow_in_time_or_are_shifted(clip: Path, tmp_path: Path) -> None:
     more, longer = waves(10), tmp_path / "longer.pdeanim"
-    with pytest.raises(SettingsError, match="begins at 0 s, and what is before it ends at 45"):
+    with pytest.raises(SettingsError, match="begins at 0 s, but the frames before it end at 45"):
         join_animations(clip, [more], longer)
     join_animations(clip, [more], longer, shift=True, effort="fast")
     with pdecodec.open(longer) as animation:
@@ -236,7 +236,7 @@ def test_the_command_line_cuts_by_frames_and_times_and_joins(
 @pytest.mark.parametrize("name", ["runs", "file_of_one_run"])
 def test_files_of_runs_are_not_joined(tmp_path: Path, name: str) -> None:
     path = accepted_files()[name]
-    with pytest.raises(InputError, match="which are not joined yet") as caught:
+    with pytest.raises(InputError, match="joining such files is not supported") as caught:
         join_animations(path, [path], tmp_path / "out.pdeanim", shift=True)
     assert (caught.value.code, caught.value.path) == ("unsupported-feature", str(path))
 

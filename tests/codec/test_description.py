@@ -203,7 +203,7 @@ def test_remarks_that_cannot_be_printed_are_refused_on_writing_and_reading(text:
 def test_remarks_stay_within_a_memory_limit() -> None:
     data = compress(json.dumps({"a": [{}] * 100_000}).encode())
     assert len(decode_remarks(data)["a"]) == 100_000
-    with pytest.raises(CorruptFileError, match="bytes of text where 1 to"):
+    with pytest.raises(CorruptFileError, match="bytes of text; 1 to"):
         decode_remarks(data, 2**20)
 
 

@@ -151,7 +151,7 @@ def test_a_limit_too_small_names_the_smallest_reached_and_writes_nothing(
     tmp_path: Path,
 ) -> None:
     smallest = encode(SHEET, tolerance=COARSEST, effort="fast").file_bytes
-    with pytest.raises(SettingsError, match=rf"file of 50 bytes: the smallest takes {smallest}; allow as many"):
+    with pytest.raises(SettingsError, match=rf"file of 50 bytes: the smallest file takes {smallest}; allow as many"):
         encode_to_size(SHEET, 50, tmp_path / "sheet.pdeanim", effort="fast")
     assert not list(tmp_path.iterdir())
 

@@ -147,7 +147,7 @@ def test_calls_that_need_constant_connectivity_fail_with_one_line(tmp_path: Path
             with pytest.raises(InputError, match="its connectivity changes") as caught:
                 ask()
             assert caught.value.frame == 2
-        with pytest.raises(SettingsError, match="of one run"):
+        with pytest.raises(SettingsError, match="to one run"):
             animation.coefficients(0)
     for extension in ("mdd", "pc2", "npz", "h5", "xdmf", "glb"):
         with pytest.raises(InputError, match=r"cannot hold connectivity that changes; write \.obj") as refused:
@@ -336,6 +336,6 @@ def test_every_command_takes_runs(
     said("decode", "x.pdeanim", "m.obj", "--at", "0.1")
     said("convert", "x", "x.####.vtu", "--up-axis", "Z", "--scale", "2")
     said("convert", "x.pdeanim", "first.npz", "--frames", ":2")
-    assert "choose frames that have one" in said("convert", "x.pdeanim", "all.npz", code=3)
+    assert "choose frames of one connectivity" in said("convert", "x.pdeanim", "all.npz", code=3)
     write_sequence(fluid([(2, 0), (1, 2), (3, 2)]), "other/")
     assert '"connectivity_equal": false' in said("compare", "x", "other", "--json", code=1)

@@ -54,9 +54,9 @@ def test_padded_faces_that_cannot_be_are_refused(faces: np.ndarray, message: str
 def test_counts_and_indices_must_add_up():
     with pytest.raises(InputError, match="face counts add up to 3, indices are 4"):
         Connectivity(4, face_counts=np.array([3]), face_indices=np.array([0, 1, 2, 3]))
-    with pytest.raises(InputError, match="face 0 has 2 points, needs 3"):
+    with pytest.raises(InputError, match="face 0 has 2 points, but needs 3"):
         Connectivity(4, face_counts=np.array([2]), face_indices=np.array([0, 1]))
-    with pytest.raises(InputError, match="line 1 has 0 points, needs 1"):
+    with pytest.raises(InputError, match="line 1 has 0 points, but needs 1"):
         Connectivity(4, line_counts=np.array([1, 0]), line_indices=np.array([0]))
 
 
@@ -76,7 +76,7 @@ def test_objects_stand_one_after_the_other_in_the_joint_connectivity():
 
 
 def test_objects_must_have_as_many_vertices_as_the_points():
-    with pytest.raises(InputError, match="objects have 3 vertices, points have 4"):
+    with pytest.raises(InputError, match="objects have 3 vertices, but points have 4"):
         moving(2, 4, objects=[MeshObject("a", TRIANGLE)])
 
 

@@ -110,7 +110,11 @@ def test_the_bound_follows_from_tolerance_profile_and_scale(chosen: dict[str, An
         (EncodeSettings, {"effort": 5}, "effort must be one of fast, default, best, not 5"),
         (EncodeSettings, {"order": "any"}, "order must be one of keep, free, not 'any'"),
         (EncodeSettings, {"paper": {"alpha": 1.0}}, "paper must be PaperSettings"),
-        (EncodeSettings, {"paper": PaperSettings(segment_frames=5)}, "settings of the profile paper; take it"),
+        (
+            EncodeSettings,
+            {"paper": PaperSettings(segment_frames=5)},
+            "settings of the profile paper; choose that profile",
+        ),
         (PaperSettings, {"segment_frames": 1}, "segment_frames must be from 2 to 64, not 1"),
         (PaperSettings, {"segment_frames": 5.0}, "segment_frames must be a whole number"),
         (PaperSettings, {"piece_points": 1}, "piece_points must be at least 2, not 1"),

@@ -184,7 +184,7 @@ def test_frames_in_which_tied_vertices_part_are_not_appended(tmp_path: Path) -> 
     with pdecodec.open(tmp_path / "cut.pdeanim") as animation:
         assert np.array_equal(animation.read_frames(0, 10), animation.read_frames(0, 10)[:, ties])
     apart = split_tube(6, FRAMES, opens_at=FRAMES + 2)
-    with pytest.raises(InputError, match=r"of object 'a' and vertex .* of object 'a' have one position") as caught:
+    with pytest.raises(InputError, match=r"of object 'a' and vertex .* of object 'a' coincide") as caught:
         join_animations(source, [apart], tmp_path / "z.pdeanim", shift=True)
     assert caught.value.code == ErrorCode.OBJECT_MISMATCH
     assert caught.value.frame == 2

@@ -151,7 +151,7 @@ def test_damaged_text_in_an_archive_is_one_line(tmp_path: Path) -> None:
     for word in (b"hair", b"nail"):
         assert word in data
         (tmp_path / "y.abc").write_bytes(data.replace(word, b"\xff" + word[1:]))
-        with pytest.raises(InputError, match=r"is no Alembic file, or a damaged one .*; export it again"):
+        with pytest.raises(InputError, match=r"is not an Alembic file, or is damaged .*; export it again"):
             open_sequence(tmp_path / "y.abc")
 
 

@@ -80,7 +80,7 @@ def test_colours_are_those_that_programs_show_and_come_back(kind: str, tmp_path:
         expected[-1] = 1
     clip = scene([body(attributes=[attribute])], frames=1)
     said = write_sequence(clip, tmp_path / "x.abc")
-    assert said == ((f"where {attribute.name!r} has no row it is white in Alembic",) if gaps else ())
+    assert said == ((f"elements without a value of {attribute.name!r} are white in Alembic",) if gaps else ())
     (shape,) = shapes_below(Abc.IArchive(str(tmp_path / "x.abc")).getTop()).values()
     param = AbcGeom.IC3fGeomParam(shape.getSchema().getArbGeomParams(), attribute.name.removeprefix("color:"))
     assert str(param.getScope()) == scope

@@ -142,7 +142,7 @@ def test_times_that_would_fall_together_are_refused_and_rounding_is_noted(held: 
     # glTF stores times relative to the first one.
     far, close = np.append(0, 1e6 + np.arange(23) / 24), np.arange(24) * 1e-15
     for fine in [far] * is_float32 + [close] * (not path.endswith("mdd")):
-        with pytest.raises(InputError, match=r"frame \d: its time .* is the same as the one before in .*; write \.npz"):
+        with pytest.raises(InputError, match=r"frame \d: its time .* equals the previous one in .*; write \.npz"):
             write_sequence(clip(24, fine), path)
     if is_float32:
         told = [

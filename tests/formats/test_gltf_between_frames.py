@@ -91,7 +91,8 @@ def test_a_larger_file_is_noted_and_web_makes_it_smaller(tmp_path: Path, capsys:
         ratio = plain.stat().st_size / (tmp_path / "x.pdeanim").stat().st_size
         assert f"plain.glb is {ratio:.3g} times as large as IN".replace("plain.glb", str(plain)) in told
         assert (
-            "--web makes it smaller (--quantize, --meshopt and --rigid); it and --scene drop leave a scene out" in told
+            "--web makes it smaller (--quantize, --meshopt and --rigid); --web and --scene drop leave out scenes"
+            in told
         )
         assert run([command, source, "-o", str(small), "--web"]) == 0
         assert "--web" not in capsys.readouterr().err

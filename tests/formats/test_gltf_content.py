@@ -348,12 +348,12 @@ PICTURE = "data:image/png;base64,iVBORw0KGgo="
             {"materials": [{"name": "a", "alphaMode": "MASK"}, {"extensions": {"KHR_materials_unlit": {}}}]},
             [
                 "properties of materials (alphaMode, doubleSided, metallicFactor, KHR_materials_unlit), "
-                "materials 'a', 'material_1', which no mesh has"
+                "materials 'a', 'material_1', which no mesh uses"
             ],
         ),
         (
             {"materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0, "roughnessFactor": 1}}]},
-            ["materials 'material_0', which no mesh has"],
+            ["materials 'material_0', which no mesh uses"],
         ),
         ({"cameras": [{"name": "left"}, {}], "nodes": [{"camera": 0}]}, ["cameras 'left', 'camera_1'"]),
         (

@@ -158,8 +158,8 @@ case("x.ply", "with a negative count", PLY.format("ascii", -1, "", "").encode(),
 case("x.obj", "with an index beyond all", b"v 0 0 0\nf 1 1 " + b"9" * 400 + b"\n", "expected a vertex index")
 case("x.obj", "of one long line", b"v 0 0 0\nf " + b"1 " * 10 + b"/" * 10**6, "expected a vertex index")
 case("x.obj", "of zeros", bytes(10**6), "holds zero bytes")
-case("x.stl", "of many triangles", bytes(80) + b"\xff" * 4, "a truncated one")
-case("x.stl", "of text without numbers", b"solid a\nfacet normal x\n", "is no STL file")
+case("x.stl", "of many triangles", bytes(80) + b"\xff" * 4, "or is truncated")
+case("x.stl", "of text without numbers", b"solid a\nfacet normal x\n", "is not an STL file")
 case("x.off", "of many vertices", f"OFF\n{HUGE} 1 0\n0 0 0\n".encode(), "are declared")
 case("x.off", "with a count beyond all", f"OFF\n{10**400} 1 0\n0 0 0\n".encode(), "are declared")
 case("x.off", "with a face of many corners", b"OFF\n1 1 0\n0 0 0\n" + b"9" * 30 + b" 0 0 0\n", "that it declares")
@@ -361,13 +361,13 @@ case(
     "x.e",
     "of netCDF with a huge dimension",
     b"CDF\x01" + struct.pack(">6I", 0, 10, 1, 1, 0x78000000, 0x7FFFFFFF) + bytes(60),
-    "is no Exodus file",
+    "is not an Exodus file",
 )
 case(
     "x.e",
     "of netCDF with a long list",
     b"CDF\x01" + struct.pack(">3I", 0, 10, 0x7FFFFFFF) + bytes(60),
-    "is no Exodus file",
+    "is not an Exodus file",
 )
 case("x.usda", "of negative counts", USDA.format("[-3]", "[0, 1, 2]", POINTS).encode(), "has a face of -3 corners")
 case(
@@ -394,14 +394,14 @@ case(
     "must be a positive number",
 )
 case("x.usda", "of prims in prims", b"#usda 1.0\n" + b'def Xform "x"\n{\n' * 3000 + b"}\n" * 3000, "holds no mesh")
-case("x.usdc", "of random bytes", b"PXR-USDC" + bytes(range(256)) * 40, "is no USD file")
-case("x.usdz", "that is no package", b"PK\x03\x04" + bytes(1000), "is no USD file")
-case("x.abc", "of nothing behind its beginning", b"Ogawa\xff\x00\x01" + bytes(8), "is no Alembic file")
+case("x.usdc", "of random bytes", b"PXR-USDC" + bytes(range(256)) * 40, "is not a USD file")
+case("x.usdz", "that is no package", b"PK\x03\x04" + bytes(1000), "is not a USD file")
+case("x.abc", "of nothing behind its beginning", b"Ogawa\xff\x00\x01" + bytes(8), "is not an Alembic file")
 case(
     "x.abc",
     "of a group at a place beyond all",
     b"Ogawa\xff\x00\x01" + struct.pack("<QQ", 16, 2**62) + b"\xff" * 100,
-    "is no Alembic file",
+    "is not an Alembic file",
 )
 
 

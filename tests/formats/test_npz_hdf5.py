@@ -151,7 +151,7 @@ RICH = {"points": rich_sequence().points, **arrays_of(rich_sequence(), 24.0)}
     [
         (
             {"vertices": POINTS},
-            "has no {kind} named points, .*; it has vertices: give",
+            "has no {kind} named points, .*; it has vertices; rename",
         ),
         ({}, "has no {kind} named points, .*; it is empty"),
         ({"points/inner": POINTS}, "has no {kind} named points"),

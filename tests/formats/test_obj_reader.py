@@ -387,7 +387,7 @@ def test_times_are_frame_numbers_over_the_frame_rate_and_an_assumed_rate_is_note
     assert (given_rate.times.tolist(), given_rate.fps, given_rate.notices) == ([1001 / 25, 1002 / 25], 25.0, ())
     assert assumed.times.tolist() == [1001 / 24, 1002 / 24]
     assert assumed.notices == ("assumed 24 frames per second; set fps to change it",)
-    others = "walk.1002.obj is one of 2 files with the same name and other numbers; name 'walk.*.obj' to read them all"
+    others = "walk.1002.obj is one of 2 files that differ only in their number; pass 'walk.*.obj' to read them all"
     assert (one.times.tolist(), one.notices, one.read_frames(0, 1)[0, 0, 0]) == ([0.0], (others,), 1002)
 
 

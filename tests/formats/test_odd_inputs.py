@@ -233,7 +233,7 @@ def binary_ply(path: Path) -> None:
     ("name", "make", "message"),
     [
         ("x.mdd", lambda path: mdd(path, [0.0, 1.0], lacking=4), "is truncated"),
-        ("x.ply", binary_ply, "or a damaged one"),
+        ("x.ply", binary_ply, "or is damaged"),
         ("x.gltf", lambda path: gltf(path, "LINEAR", [[0, 0, 0]] * 2, lacking=8), r"x\.gltf"),
         (
             "x.usda",

@@ -119,7 +119,7 @@ def test_noted_attributes_of_something_else_than_there_is_are_refused(clip: Path
             for color in mesh["extras"]["pdecodec"].get("colors", {}).values():
                 color["domain"] = "moon"
 
-    assert "is of 'moon'; there are vertex, face, corner, cell, object" in refused(clip, tmp_path, change)
+    assert "has the unknown domain 'moon'; use vertex, face, corner, cell, object" in refused(clip, tmp_path, change)
 
 
 @pytest.mark.parametrize("extras", [5, "x", {"pdecodec": 3}, {"pdecodec": {"colors": True, "of": "0"}}, []])

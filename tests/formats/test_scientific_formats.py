@@ -285,9 +285,12 @@ def test_strips_of_a_ply_file_are_triangles(tmp_path: Path) -> None:
             "ply\nformat ascii 1.0\nelement vertex 99999999999\nproperty float x\nend_header\n",
             "declares more rows than",
         ),
-        ("ply\nformat ascii 1.0\nelement face 0\nproperty list uchar int vertex_index\nend_header\n", "is no PLY file"),
-        (PLY_HEAD + "0 0 0\n", "is no PLY file, or a damaged one"),
-        ("plywood", "is no PLY file"),
+        (
+            "ply\nformat ascii 1.0\nelement face 0\nproperty list uchar int vertex_index\nend_header\n",
+            "is not a PLY file",
+        ),
+        (PLY_HEAD + "0 0 0\n", "is not a PLY file, or is damaged"),
+        ("plywood", "is not a PLY file"),
     ],
 )
 def test_a_damaged_ply_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -305,7 +308,7 @@ def test_a_file_that_changes_while_it_is_read_is_refused(
     with open_sequence(tmp_path / f"x.#.{extension}", fps=24) as read:
         other = clip_of(connectivity_of(4, [[0, 1, 2], [2, 3, 1]]), frames=1)
         write_sequence(other, sorted(tmp_path.iterdir())[1], overwrite=True)
-        with pytest.raises(InputError, match=r"join other vertices.*changed while it was read") as caught:
+        with pytest.raises(InputError, match=r"join different vertices.*changed while it was read") as caught:
             read.read_frames(0, 2)
         assert caught.value.frame == 1
 
@@ -445,7 +448,7 @@ def test_xdmf_of_one_geometry_is_moved_by_the_requested_displacement(
         assert [one.name for one in read.fields] == ["heat"]
     with open_sequence(tmp_path / "x.xdmf") as read:
         assert np.array_equal(read.read_frames(0, 3), np.repeat(rest[None], 3, axis=0))
-        assert "nothing says that 'displacement' is its displacement" in read.notices[0]
+        assert "nothing marks 'displacement' as its displacement" in read.notices[0]
 
 
 def test_an_xdmf_whose_data_are_gone_is_refused(tmp_path: Path) -> None:

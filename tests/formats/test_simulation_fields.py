@@ -156,7 +156,7 @@ def body(
         ([body("a", FACES, (0, 1, 1)), body("b", FACES[1:2], lines=[[5], [0, 1, 2]])],
          [("a/rim", "TRI3", 1), ("a/lid ü", "NSIDED", 2), ("b", "QUAD4", 1), ("b 2", "SPHERE", 1), ("b 3", "BAR2", 2)],
          ["lines of more than 2 vertices are written as segments",
-          "Exodus has no objects: they are joined to one mesh, and their names are names of blocks",
+          "Exodus has no objects: they are joined into one mesh, and their names become names of blocks",
           "names of blocks that had to change: 'b' as 'b 2', 'b' as 'b 3'"]),
     ],
 )  # fmt: skip
@@ -182,7 +182,7 @@ def test_groups_that_alternate_too_often_are_left_out_to_keep_the_order_of_faces
 ) -> None:
     monkeypatch.setattr(exodus_blocks, "MAX_RUNS", 1)
     given = ArraySequence(np.zeros((1, 6, 3)), objects=[body("mesh", FACES * 2, (0, 1) * 3)], fps=24)
-    assert write_sequence(given, tmp_path / "x.e") == ("Exodus has no place for attributes: group",)
+    assert write_sequence(given, tmp_path / "x.e") == ("Exodus cannot store attributes:  group",)
     with open_sequence(tmp_path / "x.e") as read:
         assert read.connectivity.same_as(given.connectivity)
 

@@ -80,7 +80,7 @@ def test_other_vectors_of_exodus_move_nothing_unless_requested(tmp_path: Path, n
     base = names[0][:-1].rstrip("_")
     with open_sequence(tmp_path / "x.e") as read:
         assert [field.name for field in read.fields] == ([base] if base else list(names))
-        asks = any(f"nothing says that {base!r} is its displacement" in line for line in read.notices)
+        asks = any(f"nothing marks {base!r} as its displacement" in line for line in read.notices)
         assert asks == bool(base)
     if base:
         assert moved_by(tmp_path / "x.e", base) == along(0)
@@ -242,7 +242,7 @@ def test_vectors_of_vtk_move_nothing_unless_requested(tmp_path: Path, extension:
     assert moved_by(path, name) == along(0)
     with open_sequence(path, fps=24) as read:
         assert read.notices == (
-            f"the mesh stands still: nothing says that {name!r} is its displacement; set displacement=NAME to add "
+            f"the mesh does not move: nothing marks {name!r} as its displacement; set displacement=NAME to add "
             "vectors to the geometry",
         )
         assert [(one.name, one.domain) for one in read.fields] == [
@@ -280,7 +280,7 @@ def test_constant_data_of_a_vtu_file_that_a_field_replaces_are_named(tmp_path: P
     clip = ArraySequence(points, objects=parts, times=[0, 1], fields=fields)
     told = write_sequence(clip, tmp_path / "x.pvd")
     numbers = ", their numbers are the point data 'object'"
-    assert told[0] == "VTU has no names: objects are joined to one grid" + numbers * ("object" not in replaced)
+    assert told[0] == "VTU has no names: objects are joined into one grid" + numbers * ("object" not in replaced)
     assert told[1:] == (f"not kept, because fields have their names: {', '.join(replaced)}",) * bool(replaced)
     with open_sequence(tmp_path / "x.pvd") as read:
         names = {field.name: field.components for field in read.fields}
@@ -582,7 +582,7 @@ def test_parts_of_a_time_are_joined_if_the_list_distinguishes_them(tmp_path: Pat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "is no file series, or a damaged one"),
+        ("{", "is not a file series, or is damaged"),
         ('{"files": []}', "lists no files with times"),
         ('{"files": [{"name": "s0.vtu", "time": 0}, {"name": "s1.vtu"}]}', "lists no files with times"),
         ('{"files": [{"name": "s0.vtu", "time": 1}, {"name": "s1.vtu", "time": 1}]}', r"at one time, 1\.0"),
@@ -639,7 +639,7 @@ def test_vectors_of_xdmf_move_nothing_unless_requested(tmp_path: Path, name: str
     )
     assert moved_by(path) == (along(2) if moves else along(0, [0.0] * 3))
     with open_sequence(path) as read:
-        told = f"nothing says that {name!r} is its displacement"
+        told = f"nothing marks {name!r} as its displacement"
         assert any(told in line for line in read.notices) == (kind != "Scalar" and not moves)
         assert [(field.name, field.components) for field in read.fields] == [(name, width)]
         assert read.read_field(name, 2, 3)[0].reshape(4, width).tolist() == (VELOCITY[:, :width] * RISE[2]).tolist()

@@ -147,14 +147,14 @@ def test_exodus_tells_which_names_of_objects_and_blocks_cells_lose(tmp_path: Pat
     objects = [replace(source.objects[0], name=name, attributes=()) for name in ("a", "b")]
     two = pdecodec.ArraySequence(np.tile(source.points, (1, 2, 1)), objects=objects)
     told = write_sequence(two, tmp_path / "y.e")
-    assert told == ("Exodus has no objects: they are joined to one mesh, and their names are not kept",)
+    assert told == ("Exodus has no objects: they are joined into one mesh, and their names are not kept",)
 
 
 def test_exodus_orders_cells_by_kind_if_they_alternate_too_often(tmp_path: Path) -> None:
     shapes, counts = [5, 8] * 600, [4, 8] * 600
     source = cells_at(np.random.default_rng(3).random((sum(counts), 3)), shapes, counts)
     (told,) = write_sequence(source, tmp_path / "x.e")
-    assert "cells are in another order, by kind and block" in told
+    assert "cells are ordered by kind and block" in told
     with open_sequence(tmp_path / "x.e", solids="keep") as read:
         cells = cells_of(source.connectivity)
         assert cells_of(read.connectivity) == cells[::2] + cells[1::2]

@@ -26,7 +26,7 @@ from pdecodec.formats.usd.metadata import NAME
 
 def test_an_axis_and_a_unit_are_authored_where_they_are_known_alone(tmp_path: Path) -> None:
     notices = [notice.split(":")[0] for notice in write_sequence(scene(), tmp_path / "none.usda")]
-    assert notices == ["which axis is up is not recorded", "the length of a unit is not recorded"]
+    assert notices == ["the up axis is not recorded", "the length of a unit is not recorded"]
     stage = Usd.Stage.Open(str(tmp_path / "none.usda"))
     assert not any(stage.HasAuthoredMetadata(name) for name in ("upAxis", "metersPerUnit"))
     with open_sequence(tmp_path / "none.usda") as read:
@@ -370,7 +370,7 @@ def test_an_isolated_stage_reports_what_it_leaves_out(tmp_path: Path) -> None:
 def test_a_file_that_is_no_usd_is_refused_without_a_place_in_usds_own_sources(tmp_path: Path) -> None:
     path = tmp_path / "garbage.usda"
     path.write_bytes(bytes(1000))
-    with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(Failed to open layer") as caught:
+    with pytest.raises(InputError, match=r"is not a USD file, or is damaged \(Failed to open layer") as caught:
         open_sequence(path)
     assert "Error in" not in str(caught.value)
     assert ".cpp" not in str(caught.value)
@@ -378,14 +378,14 @@ def test_a_file_that_is_no_usd_is_refused_without_a_place_in_usds_own_sources(tm
 
 def test_text_that_does_not_parse_is_named_by_its_line(tmp_path: Path) -> None:
     (tmp_path / "x.usda").write_text('#usda 1.0\n\ndef Mesh "m"\n{\n    int[] faceVertexCounts = [3\n}\n')
-    with pytest.raises(InputError, match=r"damaged one \(line 6 does not parse at '}'") as caught:
+    with pytest.raises(InputError, match=r"is damaged \(line 6 does not parse at '}'") as caught:
         open_sequence(tmp_path / "x.usda")
     assert "Sdf_" not in str(caught.value)
 
 
 def test_text_that_is_not_utf_8_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "x.usda").write_bytes('#usda 1.0\ndef Mesh "\xe9" {}\n'.encode("latin-1"))
-    with pytest.raises(InputError, match=r"is no USD file, or a damaged one \(its text is not UTF-8\)"):
+    with pytest.raises(InputError, match=r"is not a USD file, or is damaged \(its text is not UTF-8\)"):
         open_sequence(tmp_path / "x.usda")
 
 

@@ -320,7 +320,7 @@ class AutoEncoder(Encoder):
     ) -> None:
         super().__init__(sequence, settings, progress)
         if self._bound is None:
-            raise SettingsError("without a bound there is nothing to choose the model by; give a tolerance")
+            raise SettingsError("without a bound no model can be chosen; give a tolerance")
         self._tuning = tuning or TUNINGS[settings.effort]
         self._plan = memory_plan(sequence.vertex_count, sequence.frame_count, settings)
         self._ranges: list[tuple[int, int]] = []

@@ -252,7 +252,9 @@ class EncodeReport:
         elif self.is_still and not self.fields:
             found.append("nothing moves: all frames of the input are the same")
         elif self.runs == 1 and not self.is_still and not self.coefficients and not self.residuals:
-            found.append("nothing moves: every frame lies within the tolerance of one pose; a smaller one keeps motion")
+            found.append(
+                "nothing moves: every frame lies within the tolerance of one pose; a smaller tolerance keeps motion"
+            )
         if self.bound is not None and self.bound > COARSE_TOLERANCE * self.scale:
             share = self.bound / self.scale
             found.append(
@@ -265,7 +267,7 @@ class EncodeReport:
         if self.size_limit is not None and self.max_error == 0 and self.file_bytes < self.size_limit:
             found.append(f"the file is lossless and takes less than the {self.size_limit} bytes that are allowed")
         if self.rounding > (REPORTED_ROUNDING * self.scale if self.bound is None else self.bound):
-            beyond = "" if self.bound is None else ", more than the bound, which counts from there"
+            beyond = "" if self.bound is None else ", more than the bound, which counts from the rounded positions"
             found.append(f"{rounding_words(self.rounding)}{beyond}; move the scene nearer to its origin")
         found += [f"field {one.name!r} is {one.note}" for one in self.fields if one.note]
         if self.scene_note:

@@ -71,7 +71,7 @@ class FieldReader:
     def take(self, size: int) -> bytes:
         """Read a number of bytes."""
         if size > len(self._data) - self._at:
-            raise section_fault(self._name, f"ends at its byte {len(self._data)}, {size} more are needed")
+            raise section_fault(self._name, f"ends after {len(self._data)} bytes, but {size} more are needed")
         piece = self._data[self._at : self._at + size]
         self._at += size
         return piece

@@ -229,7 +229,7 @@ def decompress(data: bytes, most: int) -> bytes:
     try:
         size = zstandard.frame_content_size(data)
         if not 0 < size <= most:
-            raise section_fault("META", f"declares {size} bytes of text where 1 to {most} can be")
+            raise section_fault("META", f"declares {size} bytes of text; 1 to {most} are allowed")
         # Unpack in one call, because it refuses a frame that holds more than it declares.
         return zstandard.ZstdDecompressor().decompress(data, allow_extra_data=False)
     except zstandard.ZstdError as error:

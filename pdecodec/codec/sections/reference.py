@@ -180,7 +180,7 @@ def decode_reference(data: bytes, objects: Sequence[MeshObject]) -> ReferenceFra
     step, *origin = reader.reals("dddd")
     (predictor,) = reader.integers("B")
     if predictor >= PREDICTORS:
-        raise section_fault("REST", f"names predictor {predictor}, this decoder has 0 to {PREDICTORS - 1}")
+        raise section_fault("REST", f"names predictor {predictor}, but this decoder has 0 to {PREDICTORS - 1}")
     if not 0 < step <= LARGEST_STEP or max(map(abs, origin)) > LARGEST_STEP:
         raise section_fault("REST", "has a quantisation step or an origin out of range")
     if predictor & TIED and not predictor & WELDED:
