@@ -96,26 +96,33 @@ class AlembicExtras(Extras):
         props = [one for one in (param.getValueProperty(), param.getIndexProperty()) if one.valid()]
         return next(change_times(props, self.span), None) is not None
 
-    def add_samples(self, prop: Any, find: Callable[[Float64Array], tuple[Field, Reader]]) -> None:
-        """Add a field whose samples are those of a property; `find` returns it from the times [s] to read."""
+    def add_samples(
+        self,
+        prop: Any,
+        find: Callable[[Float64Array], tuple[Field, Reader]],
+        place: str,
+        rows_at: Callable[[float], Int64Array] | None = None,
+    ) -> None:
+        """Add a field whose samples are those of a property at `place`; `find` returns it from times [s] to read."""
         times = sample_times(prop)
         inside = times_within(times, self.span)
         own = inside if inside.size else times[:1]
         moving = own.size > 1 and not prop.isConstant()
         field, read_at = find(own)
         before = len(self.fields)
-        self.add_field(field, read_at, own.tolist() if moving else ())
+        self.add_field(field, read_at, own.tolist() if moving else (), place, rows_at)
         if moving and len(self.fields) > before:
             self.samplings.append((times, prop.getTimeSampling()))
 
-    def add_parameter(self, param: Any, name: str, metadata: Any) -> None:
+    def add_parameter(self, param: Any, name: str, metadata: Any, place: str) -> None:
         """Add a parameter that changes as a field of a name, unless its metadata tell another."""
         numbers = field_of_parameter(param, name, metadata, self.connectivity)
         if numbers is None:
             self.left_out.append(f"{name} (it changes with time)")
             return
-        field, sample = numbers
-        self.add_samples(param, lambda times: (field, interpolated(sample, times, field)))
+        field, sample, rows_at = numbers
+        place += "/.vals" if param.isIndexed() else ""
+        self.add_samples(param, lambda times: (field, interpolated(sample, times, field)), place, rows_at)
 
     def add_velocities(self, prop: Any) -> None:
         """Add velocities of points, if there are any."""
@@ -126,7 +133,7 @@ class AlembicExtras(Extras):
 
         if prop.valid() and prop.getNumSamples():
             with self.reading(".velocities"):
-                self.add_samples(prop, lambda times: (field, interpolated(sample, times, field)))
+                self.add_samples(prop, lambda times: (field, interpolated(sample, times, field)), ".geom/.velocities")
 
 
 def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: Any = None) -> None:
@@ -140,7 +147,7 @@ def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: An
             with extras.reading("uv"):
                 name = role_name(UV, uvs.getHeader().getMetaData().getSourceName() or UV, ("st",))
                 if extras.changes(uvs):
-                    extras.add_parameter(uvs, name, uvs.getHeader().getMetaData())
+                    extras.add_parameter(uvs, name, uvs.getHeader().getMetaData(), ".geom/uv")
                 else:
                     domain, values, indices = _sample(uvs, at)
                     if at is None or values.size:
@@ -227,7 +234,8 @@ def _read_parameter(parent: Any, header: Any, extras: AlembicExtras, at: Any) ->
         return
     own = name.startswith(OWN_PREFIX)
     if not own and (metadata.get(DTYPE_KEY) or extras.changes(param)):
-        extras.add_parameter(param, field_name(kind, metadata.get(LABEL_KEY) or name, metadata), metadata)
+        wanted = field_name(kind, metadata.get(LABEL_KEY) or name, metadata)
+        extras.add_parameter(param, wanted, metadata, f".geom/.arbGeomParams/{name}")
         return
     if kind not in _CONSTANT:
         extras.left_out.append(name)

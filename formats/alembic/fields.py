@@ -79,8 +79,14 @@ def field_name(kind: str, name: str, metadata: Any) -> str:
 Reader = Callable[[float], NDArray[Any] | None]
 
 
-def field_of_parameter(param: Any, name: str, metadata: Any, connectivity: Connectivity) -> tuple[Field, Reader] | None:
-    """Return the field that a parameter is, and a function that reads the values of a sample at its time [s].
+RowsAt = Callable[[float], Int64Array]
+
+
+def field_of_parameter(
+    param: Any, name: str, metadata: Any, connectivity: Connectivity
+) -> tuple[Field, Reader, RowsAt | None] | None:
+    """Return the field that a parameter is, a function that reads the values of a sample at its time [s], and one that
+    returns the stored row of each of them, unless they are the same.
 
     Parameters
     ----------
@@ -93,7 +99,7 @@ def field_of_parameter(param: Any, name: str, metadata: Any, connectivity: Conne
 
     Returns
     -------
-    (Field, callable) or None
+    (Field, callable, callable or None) or None
         None if there is no type for its numbers. The field has one component.
     """
     stored = _DTYPES.get(str(param.getDataType()).partition("[")[0])
@@ -120,7 +126,13 @@ def field_of_parameter(param: Any, name: str, metadata: Any, connectivity: Conne
         with np.errstate(invalid="ignore"):  # numbers of the file need not fit the type in its metadata
             return values.reshape(len(values), -1).astype(field.dtype)
 
-    return field, sample
+    def rows_at(time: float) -> Int64Array:
+        found = param.getIndexedValue(select(time))
+        size = len(found.getIndices()) if is_indexed else len(found.getVals()) // extent
+        rows = to_numpy(found.getIndices()).astype(np.int64) if is_indexed else np.arange(size)
+        return rows if taken is None else rows[taken]
+
+    return field, sample, rows_at if is_indexed or taken is not None else None
 
 
 def interpolated(sample: Reader, times: Float64Array, field: Field) -> Reader:

@@ -9,20 +9,22 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import imath
 import numpy as np
 from alembic3d import Abc
+from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import to_numpy
-from pdecodec.formats.base.carrying import Stripped, arrays_of
+from pdecodec.formats.base.carried_fields import StoredFields
+from pdecodec.formats.base.carrying import Stripped, arrays_of, open_fields
 from pdecodec.formats.base.onto import Fitted
-from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.reading import read_regular
 
 ROOT = "scene.abc"
@@ -50,7 +52,7 @@ class AlembicFamily:
         fits: Sequence[Fitted],
         *,
         exact_uvs: bool,
-        fields: Collection[str],
+        fields: StoredFields,
     ) -> Stripped:
         """Return the file of an archive without coded arrays."""
         data = bytearray(read_regular(source))
@@ -59,37 +61,64 @@ class AlembicFamily:
             for key, values in arrays_of(one.item, exact_uvs=exact_uvs):
                 known.setdefault(values.tobytes(), [number, *key])
         moved = {original.shapes[one.index].node.getFullName() for one in fits}
-        replaced, kept = set[bytes](), set[bytes]()
-        for path, name, content in _samples(original.top):
+        places = {
+            (original.shapes[fits[number].index].node.getFullName(), source.place): (name, number)
+            for name, number, source in fields.sources()
+        }
+        replaced, kept, coded = set[bytes](), set[bytes](), dict[bytes, list[Any]]()
+        for path, name, time, values in _samples(original.top):
+            content, key = values.tobytes(), places.get((path, name))
+            seconds = None if key is None or not len(values) else fields.seconds(time)
+            if key is not None and coded.get(content, key)[:2] == key and seconds is not None:
+                rows = values.reshape(len(values), -1)
+                if content in coded or fields.is_stored(*key, time, seconds, rows):
+                    coded[content] = (*key, values.dtype.str, len(values), time, seconds)
+                    continue
             (replaced if path in moved and name in _OF_MOTION else kept).add(content)
-        arrays = []
+        arrays, samples = [], []
         for place, size in _blocks(data):
             content = bytes(memoryview(data)[place : place + size])
             if size < _FEWEST_BYTES:
                 continue
             if content in known:
                 arrays.append([place, *known[content]])
-            if content in known or (content in replaced and content not in kept):
+            elif content in coded and content not in kept:
+                samples.append([place, *coded[content]])
+            if content in known or (content not in kept and (content in replaced or content in coded)):
                 data[place : place + size] = bytes(size)
-            if content in known or content in replaced or content in kept:
+            if content in known or content in replaced or content in kept or content in coded:
                 # Keys tell samples apart when the library writes; it does not look at them when it reads.
                 data[place - _KEY_BYTES : place] = bytes(_KEY_BYTES)
         counts = Counter(_nouns(original.top))
-        return Stripped({ROOT: bytes(data)}, ROOT, {"arrays": arrays}, dict(sorted(counts.items())))
+        cuts = {"arrays": arrays, "samples": samples}
+        names = tuple(dict.fromkeys(name for _, name, *_ in samples))
+        return Stripped({ROOT: bytes(data)}, ROOT, cuts, dict(sorted(counts.items())), fields=names)
 
-    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+    def fill(self, folder: Path, cuts: Mapping[str, Any], sequence: MeshSequence, suffix: str) -> None:
         """Fill the archive in a folder."""
         known: dict[tuple[Any, ...], bytes] = {}
-        for number, item in enumerate(objects):
+        for number, item in enumerate(sequence.objects):
             known.update({(number, *key): values.tobytes() for key, values in arrays_of(item)})
         size = (folder / ROOT).stat().st_size
         with (folder / ROOT).open("r+b") as file:
             for place, *key in cuts["arrays"]:
-                content = known[tuple(key)]
-                if not 0 <= place <= size - len(content):
-                    raise damaged("the scene does not fit the meshes of the file")
-                file.seek(place)
-                file.write(content)
+                _write(file, place, known[tuple(key)], size)
+        if cuts["samples"]:
+            with (
+                open_fields(folder / ROOT, sequence, {name for _, name, *_ in cuts["samples"]}) as fields,
+                (folder / ROOT).open("r+b") as file,
+            ):
+                for place, name, number, dtype, count, time, seconds in cuts["samples"]:
+                    content = fields.at(name, number, time, seconds, count).astype(dtype).tobytes()
+                    _write(file, place, content, size)
+
+
+def _write(file: Any, place: int, content: bytes, size: int) -> None:
+    """Write into a file of a size."""
+    if not 0 <= place <= size - len(content):
+        raise damaged("the scene does not fit the meshes of the file")
+    file.seek(place)
+    file.write(content)
 
 
 def _blocks(data: bytearray) -> Iterator[tuple[int, int]]:
@@ -130,8 +159,8 @@ def _objects(top: Any) -> Iterator[Any]:
         yield item
 
 
-def _samples(top: Any) -> Iterator[tuple[str, str, bytes]]:
-    """Yield the path of the object, the name of the property and the bytes of every sample of numbers."""
+def _samples(top: Any) -> Iterator[tuple[str, str, float, NDArray[Any]]]:
+    """Yield the path of the object, the name of the property, and time [s] and values of every sample of numbers."""
     for item in _objects(top):
         properties = [("", item.getProperties())]
         while properties:
@@ -144,24 +173,25 @@ def _samples(top: Any) -> Iterator[tuple[str, str, bytes]]:
                 else:
                     kind = Abc.IArrayProperty if header.isArray() else Abc.IScalarProperty
                     found = _of_property(kind(owner, name))
-                    yield from ((item.getFullName(), f"{above}{name}", one) for one in found)
+                    yield from ((item.getFullName(), f"{above}{name}", *one) for one in found)
 
 
-def _of_property(stored: Any) -> Iterator[bytes]:
+def _of_property(stored: Any) -> Iterator[tuple[float, NDArray[Any]]]:
     sampling = stored.getTimeSampling()
     for index in range(stored.getNumSamples()):
+        time = float(sampling.getSampleTime(index))
         try:
-            found = stored.getValue(Abc.ISampleSelector(sampling.getSampleTime(index)))
+            found = stored.getValue(Abc.ISampleSelector(time))
         except RuntimeError:
             return  # numbers that the Python binding has no type for
         if isinstance(found, imath.Box3d):
-            yield np.array([tuple(found.min()), tuple(found.max())]).tobytes()
+            yield time, np.array([tuple(found.min()), tuple(found.max())])
         elif isinstance(found, imath.M44d):
-            yield np.array(found, np.float64).tobytes()
+            yield time, np.array(found, np.float64)
         elif not isinstance(stored, Abc.IArrayProperty):
             return
         elif (values := to_numpy(found)).dtype.kind in "fiu":
-            yield values.tobytes()
+            yield time, values
 
 
 def _nouns(top: Any) -> Iterator[str]:

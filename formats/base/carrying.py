@@ -23,9 +23,12 @@ from pdecodec.codec.sections.scene import CUTS, Carrier, name_fault
 from pdecodec.codec.source import chosen_limits
 from pdecodec.errors import ErrorCode, InputError, damaged
 from pdecodec.formats.base.attribute_roles import UV, is_role, reversed_corners
+from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.onto import Fitted, match_objects, write_onto
+from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Format, load
+from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import move_into, output_exists, partial_folder, publish, write_errors
 
@@ -119,20 +122,28 @@ def arrays_of(item: MeshObject, *, exact_uvs: bool = True) -> Iterator[tuple[tup
             yield (one.name, "turned"), turned[order]
 
 
+@contextmanager
+def open_fields(path: Path, sequence: MeshSequence, names: Collection[str]) -> Iterator[StoredFields]:
+    """Open a file of a scene, to fill its fields from a sequence's."""
+    placed = bake_transforms(sequence)
+    with open_sequence(path, skip_unsupported=True) as original:
+        yield StoredFields(placed, original, match_objects(placed, original, path)[0], names)
+
+
 class Family(Protocol):
     """How the files of a format are cut and filled: a class that the format's entry names."""
 
     def strip(
-        self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+        self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: StoredFields
     ) -> Stripped | None:
         """Cut the arrays of coded objects out of the files of an open sequence; None if there is nothing else.
 
-        `exact_uvs` says whether the decoder returns texture coordinates to the last bit; `fields` are the names of the
-        coded fields.
+        `exact_uvs` says whether the decoder returns texture coordinates to the last bit; `fields` are the coded
+        fields.
         """
 
-    def fill(self, folder: Path, cuts: dict[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
-        """Fill the files in a folder from the decoded objects; the motion's arrays may hold anything of their size.
+    def fill(self, folder: Path, cuts: dict[str, Any], sequence: MeshSequence, suffix: str) -> None:
+        """Fill the files in a folder from a decoded sequence; the motion's arrays may hold anything of their size.
 
         `cuts` has the members ``root`` and ``companions``, too. They may be changed, as for an output with `suffix`.
         """
@@ -172,7 +183,9 @@ class CarriedFile:
         family: Family = load(self._entry, self._entry.carrier, "read", self._path)()
         fits, _ = match_objects(sequence, original, self._path)
         with _damage_named():
-            found = family.strip(original, self._path, fits, exact_uvs=exact_uvs, fields=fields)
+            found = family.strip(
+                original, self._path, fits, exact_uvs=exact_uvs, fields=StoredFields(sequence, original, fits, fields)
+            )
         if found is None:
             return None
         contents = {noun: count for noun, count in found.contents.items() if count}
@@ -229,7 +242,7 @@ def write_scene(
             if absent := set(cuts.get("fields", ())) - {one.name for one in sequence.fields}:
                 raise InputError(f"it needs the field {min(absent)!r}", code="object-missing")
             with _damage_named():
-                family.fill(folder, cuts, sequence.objects, where.suffix)
+                family.fill(folder, cuts, sequence, where.suffix)
             if bad := next((name for name in cuts["companions"] if not is_companion_name(name)), None):
                 raise damaged(f"the scene holds a file {bad!r}, a name that it may not have")
             if place.name in cuts["companions"]:

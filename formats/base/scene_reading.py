@@ -208,6 +208,10 @@ class ShapeField:
         Number of rows in the file.
     order : (rows,) int64 or None
         Row of the file for each row, unless they stand in the same order.
+    place : str
+        Where the format stores the values; empty if they cannot be stored there again.
+    rows_at : callable or None
+        Returns the row of what is stored for each row of `read_at` at a time, unless they are the same.
     """
 
     field: Field
@@ -215,6 +219,8 @@ class ShapeField:
     times: Sequence[float]
     rows: int
     order: Int64Array | None = None
+    place: str = ""
+    rows_at: Callable[[float], Int64Array] | None = None
 
     def at(self, time: float) -> NDArray[Any]:
         """Return the values (rows, components) at a time; NaN if the file has no values then.
@@ -405,15 +411,31 @@ class SceneSequence(MeshSequence):
         times = self._field_times(start, stop)
         values = np.empty((stop - start, field.row_count(self.objects), field.components), field.dtype)
         slices = field.slices(self.objects)
-        turns = not self._keep and direction_role(field) is not None
         for index, source in self._field_sources[field.name].items() if times else ():
             shape, own = self._shapes[index], slices[index]
             found = np.stack([source.at(time) for time in (times if len(source.times) else times[:1])])
             if field.domain == "corner" and self.objects[index].connectivity is not shape.connectivity:
                 found = found[:, reversed_corners(shape.connectivity.face_counts)]
-            matrices = self._matrices(shape, start, stop) if turns else None
+            matrices = self._matrices(shape, start, stop) if self._turns(field) else None
             values[:, own] = found if matrices is None else turned_directions(field, found, matrices)
         return values if field.components > 1 else values[:, :, 0]
+
+    def _turns(self, field: Field) -> bool:
+        return not self._keep and direction_role(field) is not None
+
+    def field_matrix(self, field: Field, shape: Any, frame: int) -> Float64Array | None:
+        """Return the matrix (1, 4, 4) by which a shape's values of a field are turned at a frame; None if by none."""
+        return self._matrices(shape, frame, frame + 1) if self._turns(field) else None
+
+    @property
+    def format_times(self) -> Sequence[float]:
+        """Times of all frames as the format has them."""
+        return self._field_times(0, self.frame_count)
+
+    @property
+    def field_sources(self) -> Mapping[str, Mapping[int, ShapeField]]:
+        """What the shapes store of each field, by its name and the number of the shape."""
+        return self._field_sources
 
     @property
     def shapes(self) -> Sequence[Any]:
@@ -522,6 +544,8 @@ class Extras:
         field: Field,
         read_at: Callable[[float], NDArray[Any] | None],
         times: Sequence[float],
+        place: str = "",
+        rows_at: Callable[[float], Int64Array] | None = None,
     ) -> None:
         """Add values that change, with the components of the first sample that is not empty; add nothing if all are
         empty.
@@ -539,7 +563,7 @@ class Extras:
         taken = {one.field.name for one in self.fields} | {one.name for one in self.attributes}
         like = dataclasses.replace(field, name=unique_name(field.name, taken), components=first.size // rows)
         order = self.order if field.domain == "corner" else None
-        self.fields.append(ShapeField(like, read_at, times, rows, order))
+        self.fields.append(ShapeField(like, read_at, times, rows, order, place, rows_at))
 
     def gathered_fields(self, gather: Int64Array | None) -> list[ShapeField]:
         """Return the fields of a shape whose vertices are some of the file's points (:attr:`Shape.gather`)."""

@@ -11,7 +11,7 @@ import binascii
 import copy
 import json
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import UV, reversed_corners, role_name
+from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.carrying import Stripped
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
 from pdecodec.formats.gltf.file import COMPONENTS, TRIANGLES, WIDTHS, GltfFile, flipped
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.mesh.arrays import Int64Array
-from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.sequence import MeshObject, MeshSequence
 
 ROOT = "scene.gltf"
 """Name of the JSON in a carrier; buffers and images are numbered."""
@@ -43,7 +44,7 @@ class GltfFamily:
     """Cutting and filling of glTF files."""
 
     def strip(
-        self, original: GltfSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+        self, original: GltfSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: StoredFields
     ) -> Stripped:
         """Return the file's parts without coded arrays."""
         file = original.file
@@ -79,7 +80,7 @@ class GltfFamily:
         notes = {"arrays": cuts, "images": images, "checks": checks, **clip}
         return Stripped(files, ROOT, notes, _contents(file), outside=tuple(dict.fromkeys(outside)))
 
-    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+    def fill(self, folder: Path, cuts: Mapping[str, Any], sequence: MeshSequence, suffix: str) -> None:
         """Fill the buffers and the JSON in a folder."""
         path = folder / ROOT
         root = json.loads(path.read_bytes())
@@ -87,7 +88,7 @@ class GltfFamily:
             picture = (folder / f"image{int(index)}").read_bytes()
             root["images"][index]["uri"] = f"{head},{base64.b64encode(picture).decode()}"
         buffers = {int(k): np.fromfile(folder / f"{int(k)}.bin", np.uint8) for k in cuts["checks"]}
-        for index, data in _filled(buffers, root, cuts["arrays"], objects):
+        for index, data in _filled(buffers, root, cuts["arrays"], sequence.objects):
             if zlib.crc32(data.data) != cuts["checks"][str(index)]:
                 raise damaged("the scene does not fit the meshes of the file")
             data.tofile(folder / f"{index}.bin")

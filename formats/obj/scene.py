@@ -7,7 +7,7 @@ what the decoder computes gives the same again.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import uv_sets, vertex_slices
+from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.carrying import Stripped, is_companion_name
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.normals import group_attribute
@@ -43,7 +44,7 @@ class ObjFamily:
     """Removes coded data from OBJ files for the carried scene, and puts it back."""
 
     def strip(
-        self, original: MeshSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+        self, original: MeshSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: StoredFields
     ) -> Stripped | None:
         """Return the text of the first frame without geometry, and libraries; None without libraries."""
         first = find_frames(source, ".obj").paths[0]
@@ -69,10 +70,10 @@ class ObjFamily:
         listed = tuple(dict.fromkeys([*outside, *textures]))
         return Stripped(files, ROOT, {"lines": sorted(cut)}, contents, tuple(libraries), listed)
 
-    def fill(self, folder: Path, cuts: Mapping[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+    def fill(self, folder: Path, cuts: Mapping[str, Any], sequence: MeshSequence, suffix: str) -> None:
         """Fill the text in a folder."""
         path = folder / ROOT
-        path.write_bytes(_filled(path.read_bytes(), objects, set(cuts["lines"])))
+        path.write_bytes(_filled(path.read_bytes(), sequence.objects, set(cuts["lines"])))
 
 
 def _libraries(text: bytes, folder: Path) -> tuple[dict[str, bytes], list[str]]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pxr import Ar, Sdf, Usd, UsdGeom, UsdUtils
 
 from pdecodec.errors import InputError, damaged
+from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.carrying import (
     COUNTS,
     INDICES,
@@ -31,7 +32,7 @@ from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.usd.composition import stage_errors
 from pdecodec.formats.usd.layers import layer_files
 from pdecodec.formats.usd.reader import UsdSequence
-from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.reading import read_regular
 
 PACKAGE = "scene.usdz"
@@ -50,7 +51,7 @@ class UsdFamily:
     """Cutting and filling of USD stages."""
 
     def strip(
-        self, original: UsdSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: Collection[str]
+        self, original: UsdSequence, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: StoredFields
     ) -> Stripped:
         """Return the layers of a stage without coded arrays, and the other files of a package."""
         stage = original.stage
@@ -85,7 +86,7 @@ class UsdFamily:
         companions = tuple(name for name in files if name != root)
         return Stripped(files, root, cuts, _contents(stage, files), companions, outside)
 
-    def fill(self, folder: Path, cuts: dict[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+    def fill(self, folder: Path, cuts: dict[str, Any], sequence: MeshSequence, suffix: str) -> None:
         """Fill the layers in a folder, and make a package of them for a package."""
         layers: dict[str, Any] = {}
         for name, path, number, *cut in cuts["arrays"]:
@@ -94,7 +95,7 @@ class UsdFamily:
                     raise ValueError(f"{name} is no name of a file")
                 layers[name] = Sdf.Layer.FindOrOpen(str(folder / name))
             spec = layers[name].GetAttributeAtPath(path)
-            known = {tuple(key): values for key, values in arrays_of(objects[number])}
+            known = {tuple(key): values for key, values in arrays_of(sequence.objects[number])}
             _set(spec, _typed(spec, known[tuple(cut)]))
         for name, layer in layers.items():
             # A binary file that is saved again would keep its previous content.

@@ -22,7 +22,7 @@ from pdecodec.formats.vtk.cells import EXODUS_PLACES, FLAT_PLACES
 from pdecodec.formats.vtk.exodus import ExodusSequence
 from pdecodec.formats.vtk.exodus_variables import AXES
 from pdecodec.formats.vtk.netcdf_variables import Variables, copy_values
-from pdecodec.mesh.sequence import CELL_SHAPES, Connectivity, MeshObject
+from pdecodec.mesh.sequence import CELL_SHAPES, Connectivity, MeshSequence
 
 ROOT = "scene.exo"
 """Name of the file in a carrier."""
@@ -44,7 +44,7 @@ class ExodusFamily:
         fields: Collection[str],
     ) -> Stripped:
         """Return the file without coded arrays."""
-        gone = _replaced(original, fields)
+        gone = _replaced(original, fields.names)
         blocks = []
         for number, span in original.spans.items():
             name, stored = f"connect{number}", np.asarray(original.variables[f"connect{number}"][:])
@@ -63,9 +63,9 @@ class ExodusFamily:
             data = place.read_bytes()
         reading = {"solids": original.solids, "displacement": original.asked}
         cuts = {"blocks": blocks, **{key: value for key, value in reading.items() if value is not None}}
-        return Stripped({ROOT: data}, ROOT, cuts, _contents(original), fields=tuple(fields))
+        return Stripped({ROOT: data}, ROOT, cuts, _contents(original), fields=tuple(fields.names))
 
-    def fill(self, folder: Path, cuts: dict[str, Any], objects: Sequence[MeshObject], suffix: str) -> None:
+    def fill(self, folder: Path, cuts: dict[str, Any], sequence: MeshSequence, suffix: str) -> None:
         """Write the cells into the file in a folder."""
         place = folder / ROOT
         variables = Variables(place)
@@ -75,7 +75,7 @@ class ExodusFamily:
         for name, first, stop in cuts["blocks"]:
             if not _BLOCK.fullmatch(name):
                 raise ValueError(f"{name} is no block of elements")
-            arrays.append((name, _elements(objects[0].connectivity, slice(first, stop), widths[name] == 1)))
+            arrays.append((name, _elements(sequence.objects[0].connectivity, slice(first, stop), widths[name] == 1)))
         if is_classic:
             from scipy.io import netcdf_file
 
