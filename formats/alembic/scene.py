@@ -65,14 +65,14 @@ class AlembicFamily:
             (original.shapes[fits[number].index].node.getFullName(), source.place): (name, number)
             for name, number, source in fields.sources()
         }
-        replaced, kept, coded = set[bytes](), set[bytes](), dict[bytes, list[Any]]()
+        replaced, kept, coded = set[bytes](), set[bytes](), dict[bytes, tuple[Any, ...]]()
         for path, name, time, values in _samples(original.top):
-            content, key = values.tobytes(), places.get((path, name))
-            seconds = None if key is None or not len(values) else fields.seconds(time)
-            if key is not None and coded.get(content, key)[:2] == key and seconds is not None:
+            content, owner = values.tobytes(), places.get((path, name))
+            seconds = None if owner is None or not len(values) else fields.seconds(time)
+            if owner is not None and coded.get(content, owner)[:2] == owner and seconds is not None:
                 rows = values.reshape(len(values), -1)
-                if content in coded or fields.is_stored(*key, time, seconds, rows):
-                    coded[content] = (*key, values.dtype.str, len(values), time, seconds)
+                if content in coded or fields.is_stored(*owner, time, seconds, rows):
+                    coded[content] = (*owner, values.dtype.str, len(values), time, seconds)
                     continue
             (replaced if path in moved and name in _OF_MOTION else kept).add(content)
         arrays, samples = [], []
@@ -103,7 +103,7 @@ class AlembicFamily:
         with (folder / ROOT).open("r+b") as file:
             for place, *key in cuts["arrays"]:
                 _write(file, place, known[tuple(key)], size)
-        if cuts["samples"]:
+        if cuts.get("samples"):
             with (
                 open_fields(folder / ROOT, sequence, {name for _, name, *_ in cuts["samples"]}) as fields,
                 (folder / ROOT).open("r+b") as file,

@@ -84,8 +84,7 @@ class StoredFields:
         rows = values.reshape(1, values.shape[1], -1)[:, self._slices[name][number]]
         matrix = self._original.field_matrix(field, shape, int(np.abs(self._times - time).argmin()))
         if matrix is not None:
-            back = np.linalg.inv(matrix)
-            rows = turned_directions(field, rows, back)
+            rows = turned_directions(field, rows, np.linalg.inv(matrix).astype(np.float64))
         rows = rows[0]
         if field.domain == "corner" and self._fits[number].item.connectivity is not shape.connectivity:
             faces = self._fits[number].item.connectivity

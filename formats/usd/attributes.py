@@ -85,7 +85,7 @@ def read_directions(attribute: Any, extras: Extras, span: tuple[float, float], *
     if is_skinned:
         extras.left_out.append(name)
     else:
-        extras.add_field(Field(name, "vertex", components=3), *_values_in_time([attribute], span))
+        extras.add_field(Field(name, "vertex", components=3), *_values_in_time([attribute], span), place=name)
 
 
 def _values_in_time(
@@ -137,7 +137,14 @@ def _read_field(primvar: Any, name: str, extras: Extras, span: tuple[float, floa
     own = attribute.GetCustomDataByKey(NAME) or field_name(name, primvar.GetTypeName())
     domain = _DOMAINS.get(str(primvar.GetInterpolation()), "object")
     unit = str(attribute.GetCustomDataByKey(UNIT_KEY) or "")
-    extras.add_field(Field(str(own), domain, dtype, 1, unit), read_at, codes)
+    indices = primvar.GetIndicesAttr() if primvar.IsIndexed() else None
+    extras.add_field(
+        Field(str(own), domain, dtype, 1, unit),
+        read_at,
+        codes,
+        place=attribute.GetName(),
+        rows_at=None if indices is None else lambda code: np.array(indices.Get(code), np.int64),
+    )
 
 
 def field_name(name: str, type_name: Any) -> str:

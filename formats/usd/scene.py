@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from pdecodec.formats.base.carrying import (
     free_name,
     is_carried_name,
     is_companion_name,
+    open_fields,
 )
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.scene_reading import listed
@@ -63,45 +65,51 @@ class UsdFamily:
         root = next(iter(files)) if is_package else source.name
         names = {layer: _name_of(layer, source, root, is_package=is_package) for layer in stage.GetUsedLayers()}
         arrays: list[list[Any]] = []
+        samples: list[list[Any]] = []
+        coded = {(number, one.place): name for name, number, one in fields.sources()}
         kept = _kept_specs(stage, {one.prim.GetPath() for one in shapes})
         with stage_errors(source), tempfile.TemporaryDirectory(prefix="pdecodec-") as room:
             bare: dict[str, Any] = {}
             for number, (shape, one) in enumerate(zip(shapes, fits, strict=True)):
                 known = {_key(values): key for key, values in reversed([*arrays_of(one.item, exact_uvs=exact_uvs)])}
-                for spec, kind in _cut_specs(shape.prim, kept):
+                for spec, kind in _cut_specs(shape.prim, kept, {place for owner, place in coded if owner == number}):
                     name = names.get(spec.layer)
                     if name not in files:
                         continue
                     if name not in bare:
                         bare[name] = Sdf.Layer.CreateAnonymous(f"layer{Path(name).suffix}")
                         bare[name].TransferContent(spec.layer)
-                    cut = _cut(bare[name].GetAttributeAtPath(spec.path), kind, known)
+                    copy = bare[name].GetAttributeAtPath(spec.path)
+                    cut = _cut(copy, kind, known)
                     if cut is not None:
                         arrays.append([name, str(spec.path), number, *cut])
+                    elif (field := coded.get((number, spec.name))) is not None:
+                        cut_samples = _cut_samples(copy, fields, field, number)
+                        samples += [[name, str(spec.path), field, number, *one] for one in cut_samples]
             for number, (name, layer) in enumerate(bare.items()):
                 place = Path(room, f"{number}{Path(name).suffix}")
                 layer.Export(str(place))
                 files[name] = place.read_bytes()
-        cuts = {"arrays": arrays, **({"package": list(files)} if is_package else {})}
+        cuts = {"arrays": arrays, "samples": samples, **({"package": list(files)} if is_package else {})}
         companions = tuple(name for name in files if name != root)
-        return Stripped(files, root, cuts, _contents(stage, files), companions, outside)
+        used = tuple(dict.fromkeys(field for _, _, field, *_ in samples))
+        return Stripped(files, root, cuts, _contents(stage, files), companions, outside, used)
 
     def fill(self, folder: Path, cuts: dict[str, Any], sequence: MeshSequence, suffix: str) -> None:
         """Fill the layers in a folder, and make a package of them for a package."""
-        layers: dict[str, Any] = {}
-        for name, path, number, *cut in cuts["arrays"]:
-            if name not in layers:
-                if not is_carried_name(name):
-                    raise ValueError(f"{name} is no name of a file")
-                layers[name] = Sdf.Layer.FindOrOpen(str(folder / name))
-            spec = layers[name].GetAttributeAtPath(path)
-            known = {tuple(key): values for key, values in arrays_of(sequence.objects[number])}
-            _set(spec, _typed(spec, known[tuple(cut)]))
-        for name, layer in layers.items():
-            # A binary file that is saved again would keep its previous content.
-            whole = free_name(folder / f"whole{Path(name).suffix}")
-            layer.Export(str(whole))
-            whole.replace(folder / name)
+        with _layers_to_fill(folder) as layer_of:
+            for name, path, number, *cut in cuts["arrays"]:
+                spec = layer_of(name).GetAttributeAtPath(path)
+                known = {tuple(key): values for key, values in arrays_of(sequence.objects[number])}
+                _set(spec, _typed(spec, known[tuple(cut)]))
+        if cuts.get("samples"):
+            names = {field for _, _, field, *_ in cuts["samples"]}
+            with open_fields(folder / cuts["root"], sequence, names) as fields, _layers_to_fill(folder) as layer_of:
+                for name, path, field, number, dtype, code, seconds, count in cuts["samples"]:
+                    spec = layer_of(name).GetAttributeAtPath(path)
+                    rows = fields.at(field, number, code, seconds, count).astype(dtype)
+                    shape = np.array(spec.layer.QueryTimeSample(spec.path, code)).shape
+                    spec.layer.SetTimeSample(spec.path, code, _typed(spec, rows.reshape(shape)))
         is_package = suffix.lower() == ".usdz"
         if is_package and "package" in cuts:
             package = free_name(folder / PACKAGE)
@@ -120,6 +128,26 @@ class UsdFamily:
                 raise InputError(message, code="unsupported-feature")
         if is_package:
             cuts["companions"] = []
+
+
+@contextmanager
+def _layers_to_fill(folder: Path) -> Iterator[Callable[[str], Any]]:
+    """Yield a function that opens layers in a folder by name; write them at the end."""
+    layers: dict[str, Any] = {}
+
+    def layer_of(name: str) -> Any:
+        if name not in layers:
+            if not is_carried_name(name):
+                raise ValueError(f"{name} is no name of a file")
+            layers[name] = Sdf.Layer.FindOrOpen(str(folder / name))
+        return layers[name]
+
+    yield layer_of
+    for name, layer in layers.items():
+        # A binary file that is saved again would keep its previous content.
+        whole = free_name(folder / f"whole{Path(name).suffix}")
+        layer.Export(str(whole))
+        whole.replace(folder / name)
 
 
 def _files_of(source: Path, *, is_package: bool) -> tuple[dict[str, bytes], tuple[str, ...]]:
@@ -168,12 +196,15 @@ def _kept_specs(stage: Any, moved: set[Any]) -> set[tuple[str, Any]]:
     }
 
 
-def _cut_specs(prim: Any, kept: set[tuple[str, Any]]) -> Iterator[tuple[Any, str]]:
-    """Yield the specs of arrays of a moved prim that no prim uses that stays, with what becomes of them."""
+def _cut_specs(prim: Any, kept: set[tuple[str, Any]], coded: Collection[str]) -> Iterator[tuple[Any, str]]:
+    """Yield the specs of arrays of a moved prim that no prim uses that stays, with what becomes of them.
+
+    Attributes in `coded` are fields.
+    """
     for attribute in prim.GetAuthoredAttributes():
         name = attribute.GetName()
         kind = _REPLACED.get(name, "known")
-        if kind != "known" or name in (COUNTS, INDICES) or name.startswith("primvars:"):
+        if kind != "known" or name in (COUNTS, INDICES) or name in coded or name.startswith("primvars:"):
             for spec in attribute.GetPropertyStack(Usd.TimeCode.Default()):
                 if (spec.layer.identifier, spec.path) not in kept:
                     yield spec, kind
@@ -202,6 +233,23 @@ def _cut(spec: Any, kind: str, known: dict[bytes, tuple[str, str]]) -> tuple[str
     if cut is not None:
         _set(spec, type(first)())
     return cut
+
+
+def _cut_samples(spec: Any, fields: StoredFields, name: str, number: int) -> Iterator[tuple[Any, ...]]:
+    """Replace samples that a field gives again; yield type, time code, time [s] and number of rows of each.
+
+    Each becomes one number, 0, 1, 2...: if all were the same, the attribute would be read as one that does not change.
+    """
+    for index, code in enumerate(spec.layer.ListTimeSamplesForPath(spec.path)):
+        stored = spec.layer.QueryTimeSample(spec.path, code)
+        if isinstance(stored, Sdf.ValueBlock) or not hasattr(stored, "__len__"):
+            continue
+        values, seconds = np.array(stored), fields.seconds(code)
+        if seconds is None or values.size < _FEWEST or values.dtype.kind not in "fiu":
+            continue
+        if fields.is_stored(name, number, code, seconds, values.reshape(len(values), -1)):
+            spec.layer.SetTimeSample(spec.path, code, _typed(spec, np.full_like(values, index % 100)))
+            yield values.dtype.str, code, seconds, len(values)
 
 
 def _set(spec: Any, values: Any) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
+from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.carrying import Stripped
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.vtk.cells import EXODUS_PLACES, FLAT_PLACES
@@ -41,7 +42,7 @@ class ExodusFamily:
         fits: Sequence[Fitted],
         *,
         exact_uvs: bool,
-        fields: Collection[str],
+        fields: StoredFields,
     ) -> Stripped:
         """Return the file without coded arrays."""
         gone = _replaced(original, fields.names)
