@@ -93,7 +93,7 @@ def _convert(
         def write(chosen: MeshSequence, path: str, **more: Any) -> tuple[str, ...]:
             speeds = velocities_of(chosen) if velocities else None
             more |= {"web": web, "quantize": quantize, "meshopt": meshopt, "straight": straight, "rigid": bound}
-            more |= {"scene": scene, "motion": motion}
+            more |= {"scene": scene, "motion": motion, "isolate": asked.isolate}
             more |= {"looks_of": whole} if is_gltf(path) else {}
             return write_sequence(chosen, path, velocities=speeds, **more)
 

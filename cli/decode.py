@@ -75,6 +75,11 @@ MUCH_OUTPUT = 10 * 10**9
 )
 @assets_option(expose_value=False)
 @write_options
+@click.option(
+    "--isolate",
+    is_flag=True,
+    help="Write the scene that IN carries in a subprocess, so that a malicious one cannot crash pdecodec.",
+)
 @place_options
 @click.option(
     "--salvage",
@@ -239,6 +244,7 @@ class _Writing(_Part):
     clip: str | None
     layer: bool
     scene: Literal["keep", "drop"]
+    isolate: bool
 
     def check(self) -> None:
         if self.onto is None and (self.layer or self.clip):
@@ -286,7 +292,7 @@ class _Writing(_Part):
             )
         from pdecodec.formats import write_sequence
 
-        settings = self._settings("web", "quantize", "meshopt", "straight", "motion")
+        settings = self._settings("web", "quantize", "meshopt", "straight", "motion", "isolate")
         return write_sequence(sequence, path, rigid=bound, scene=self.scene, **settings, **options)
 
     def _settings(self, *names: str) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from numpy.typing import NDArray
 
@@ -40,6 +40,9 @@ COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
 
 _OF_READING = ("clip", "displacement", "solids")
 """Options of reading that a carrier records."""
+
+_BY_LIBRARIES = ("alembic", "usd", "exodus")
+"""Formats whose files libraries in other languages parse, which a damaged file can crash."""
 
 _COMPANION_ENDINGS = (
     *(".usd", ".usda", ".usdc", ".mtl", ".mtlx", ".bin", ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".avif", ".webp"),
@@ -200,7 +203,14 @@ class CarriedFile:
 
 
 def write_scene(
-    sequence: MeshSequence, carrier: Carrier, entry: Format, where: Path, *, overwrite: bool, **options: Any
+    sequence: MeshSequence,
+    carrier: Carrier,
+    entry: Format,
+    where: Path,
+    *,
+    overwrite: bool,
+    isolate: bool = False,
+    **options: Any,
 ) -> tuple[str, ...] | InputError:
     """Write the scene that a file carries with a sequence's motion.
 
@@ -215,6 +225,8 @@ def write_scene(
         File, or for formats of one file per frame a pattern or a folder. Files that the scene consists of come to lie
         next to it; those that lie there already and are the same stay.
     overwrite : bool
+    isolate : bool
+        Parse the files in a worker process, if a library does it.
     **options
         Of :func:`pdecodec.formats.write_onto`.
 
@@ -224,7 +236,6 @@ def write_scene(
         A line for each thing that is not kept; or why the motion does not fit the scene, and then nothing is written.
     """
     files = carrier.files(chosen_limits(None).max_memory)
-    family: Family = load(entry, entry.carrier, "written", where)()
     with ExitStack() as stack:
         place = stack.enter_context(_frames_in_folder(where, entry))
         # Fields for frame numbers mean something in names of folders, too.
@@ -241,33 +252,51 @@ def write_scene(
                 raise damaged("the scene does not hold all of its files")
             if absent := set(cuts.get("fields", ())) - {one.name for one in sequence.fields}:
                 raise InputError(f"it needs the field {min(absent)!r}", code="object-missing")
-            with _damage_named():
-                family.fill(folder, cuts, sequence, where.suffix)
-            if bad := next((name for name in cuts["companions"] if not is_companion_name(name)), None):
-                raise damaged(f"the scene holds a file {bad!r}, a name that it may not have")
-            if place.name in cuts["companions"]:
-                raise InputError(
-                    "is the name of a file that the scene consists of; give another name",
-                    code=ErrorCode.OVERWRITES_INPUT,
-                    path=where,
-                )
-            # The output may have the name of the original.
-            root = (folder / cuts["root"]).rename(
-                free_name(folder / f"original{Path(cuts['root']).suffix}", place.name)
-            )
-            reading: dict[str, Any] = {
-                name: str(cuts[name]) for name in _OF_READING if name in cuts and name in entry.options
-            }
-            found = write_onto(sequence, root, folder / place.name, is_filled=True, **reading, **options)
+            write = write_filled
+            if isolate and entry.name in _BY_LIBRARIES:
+                from pdecodec.formats.base.isolated_writing import write_filled_isolated as write
+            written = write(sequence, entry, folder / place.name, where, cuts, options)
         except InputError as error:
             if error.code in OF_OUTPUT:
                 raise
             return error
-        root.unlink()
-        for name in set(names) - {cuts["root"], *cuts["companions"]}:
+        (folder / written.original).unlink()
+        for name in set(names) - {written.root, *written.companions}:
             (folder / name).unlink()
-        _publish(folder, place, cuts["companions"], overwrite=overwrite)
-    return found
+        _publish(folder, place, written.companions, overwrite=overwrite)
+    return written.notices
+
+
+class Written(NamedTuple):
+    """What :func:`write_filled` did: the original's name and its new one, names of files next to it, and notices."""
+
+    root: str
+    original: str
+    companions: Sequence[str]
+    notices: tuple[str, ...]
+
+
+def write_filled(
+    sequence: MeshSequence, entry: Format, place: Path, where: Path, cuts: dict[str, Any], options: Mapping[str, Any]
+) -> Written:
+    """Fill the files of a scene in a folder, and write the motion onto them, to `place`; `where` is the output."""
+    folder = place.parent
+    family: Family = load(entry, entry.carrier, "written", where)()
+    with _damage_named():
+        family.fill(folder, cuts, sequence, where.suffix)
+    if bad := next((name for name in cuts["companions"] if not is_companion_name(name)), None):
+        raise damaged(f"the scene holds a file {bad!r}, a name that it may not have")
+    if place.name in cuts["companions"]:
+        raise InputError(
+            "is the name of a file that the scene consists of; give another name",
+            code=ErrorCode.OVERWRITES_INPUT,
+            path=where,
+        )
+    # The output may have the name of the original.
+    root = (folder / cuts["root"]).rename(free_name(folder / f"original{Path(cuts['root']).suffix}", place.name))
+    reading: dict[str, Any] = {name: str(cuts[name]) for name in _OF_READING if name in cuts and name in entry.options}
+    notices = write_onto(sequence, root, place, is_filled=True, **reading, **options)
+    return Written(cuts["root"], root.name, cuts["companions"], notices)
 
 
 def free_name(path: Path, *others: str) -> Path:

@@ -89,6 +89,9 @@ class IsolatedSequence(LaidOutSequence):
         self._path = path
         if told["has_scene"]:
             self.carried = _IsolatedScene(self.worker, path)
+            if told["is_stored"]:  # in a `.pdeanim` file, whose scene needs no library to be passed on
+                names = [one.name for one in self.fields]
+                self.carried = self.carried.carrier(self, exact_uvs=True, fields=names)
         self.contents = tuple(Content(*one) for one in told["contents"])
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
@@ -150,6 +153,7 @@ def _open(
     fields = [(one.name, one.domain, str(one.dtype), one.components, one.unit, one.objects) for one in sequence.fields]
     told = {
         "has_scene": sequence.carried is not None,
+        "is_stored": sequence.carried is not None and sequence.carried.family is not None,
         "notices": notices,
         "unsupported": lost,
         "contents": sequence.contents,

@@ -198,6 +198,7 @@ def write_sequence(
     rigid: float | None = None,
     motion: EncodeSettings | None = None,
     scene: Literal["keep", "drop"] = "keep",
+    isolate: bool = False,
 ) -> tuple[str, ...]:
     """Write a mesh sequence in the format that the path's extension names, block by block.
 
@@ -243,6 +244,9 @@ def write_sequence(
         Of an animation that carries its scene (cameras, materials, custom data) in this format: write the scene with
         the motion, as :func:`pdecodec.formats.write_onto` does, or the meshes alone. `quantize`, `web` and `rigid`
         write the meshes alone.
+    isolate : bool
+        Write a scene that a file carries in a separate process: a malicious one can crash the libraries of Alembic, USD
+        and HDF5, and the process with them. Costs half a second, and copying every frame.
 
     Returns
     -------
@@ -274,6 +278,7 @@ def write_sequence(
                 rigid=rigid,
                 motion=motion,
                 scene=scene,
+                isolate=isolate,
             )
     where = as_path(path)
     check_path(where)
@@ -321,7 +326,9 @@ def write_sequence(
         options = {"fps": fps, "velocities": velocities, "progress": progress}
         options |= {name: asked[name] for name in ("meshopt", "straight", "rigid")}
         with _scene_errors():
-            found = write_scene(sequence, sequence.carried, entry, where, overwrite=overwrite, **options)
+            found = write_scene(
+                sequence, sequence.carried, entry, where, overwrite=overwrite, isolate=isolate, **options
+            )
         if not isinstance(found, InputError):
             return found
         unwritten = (f"the scene of the file is left out: {found.message}",)

@@ -8,6 +8,7 @@ import struct
 import zipfile
 from functools import partial
 from pathlib import Path
+from random import Random
 from typing import Any, Literal
 
 import h5py
@@ -287,6 +288,58 @@ def test_alembic_archives_come_back_with_cameras_and_properties(tmp_path: Path, 
     after = listing(source, {"/root/body"})
     assert_fields_close(before, after, report)
     assert after == before
+
+
+@pytest.mark.parametrize("make", ["alembic", "usd", "exodus"])
+def test_scenes_written_in_a_worker_are_the_same(tmp_path: Path, capsys: pytest.CaptureFixture[str], make: str) -> None:
+    if make == "exodus":
+        source = exodus_shot(tmp_path / "a.e")
+    elif make == "usd":
+        pytest.importorskip("pxr", reason="what USD needs is not installed here")
+        from tests.support.usd_stages import usd_shot
+
+        source = usd_shot(tmp_path / "in", "a.usda")
+    else:
+        pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+        source = alembic_shot(tmp_path / "a.abc")
+    file, name = str(tmp_path / "a.pdeanim"), f"b{source.suffix}"
+    assert run(["encode", str(source), "-o", file]) == 0
+    found = []
+    for options in ([], ["--isolate"]):
+        out = tmp_path / f"out{len(options)}"
+        out.mkdir()
+        assert run(["decode", file, "-o", str(out / name), *options]) == 0
+        assert "left out" not in capsys.readouterr().err
+        found.append({one.relative_to(out): one.read_bytes() for one in out.rglob("*") if one.is_file()})
+    assert found[0] == found[1]
+    assert run(["convert", file, str(tmp_path / name), "--isolate"]) == 0
+    assert "left out" not in capsys.readouterr().err
+    assert (tmp_path / name).read_bytes() == found[0][Path(name)]
+
+
+@pytest.mark.data
+def test_a_scene_that_ends_a_library_ends_only_its_worker(
+    tmp_path: Path, shared_data: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    source = shared_data / "interop/abc/rotatingCube.abc"
+    with pdecodec.open_sequence(source) as read:
+        pdecodec.encode(read, tmp_path / "a.pdeanim")
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert animation.carried is not None
+        files, clip = animation.carried.files(2**20), animation.to_array()
+    # The damage by which test_alembic.py ends the library.
+    damaged, random = bytearray(source.read_bytes()), Random(39)
+    for _ in range(random.randint(1, 8)):
+        damaged[random.randrange(len(damaged))] = random.randrange(256)
+    cuts = json.dumps({**json.loads(files["cuts"]), "arrays": [], "samples": []}).encode()
+    clip.carried = Carrier.of("alembic", [], [], {"cuts": cuts, "files/scene.abc": bytes(damaged)})
+    pdecodec.encode(clip, tmp_path / "b.pdeanim")
+    out = tmp_path / "out"
+    out.mkdir()
+    assert run(["decode", str(tmp_path / "b.pdeanim"), "-o", str(out / "b.abc"), "--isolate"]) == 0
+    assert "left out: the library that reads this file crashed" in capsys.readouterr().err
+    assert [one.name for one in out.iterdir()] == ["b.abc"]
 
 
 def test_an_alembic_tree_that_leaves_its_file_is_refused() -> None:
