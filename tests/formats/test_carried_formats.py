@@ -309,11 +309,11 @@ def test_scenes_written_in_a_worker_are_the_same(tmp_path: Path, capsys: pytest.
         out = tmp_path / f"out{len(options)}"
         out.mkdir()
         assert run(["decode", file, "-o", str(out / name), *options]) == 0
-        assert "left out" not in capsys.readouterr().err
+        assert "scene of the file is left out" not in capsys.readouterr().err
         found.append({one.relative_to(out): one.read_bytes() for one in out.rglob("*") if one.is_file()})
     assert found[0] == found[1]
     assert run(["convert", file, str(tmp_path / name), "--isolate"]) == 0
-    assert "left out" not in capsys.readouterr().err
+    assert "scene of the file is left out" not in capsys.readouterr().err
     assert (tmp_path / name).read_bytes() == found[0][Path(name)]
 
 
