@@ -16,6 +16,7 @@ import imath
 from alembic3d import Abc, AbcGeom
 
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
+from pdecodec.formats.alembic.ogawa import replace_info
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import SCOPES, Keep, normal_sample, to_numpy, unsigned_array, vector_array
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, archive_file, time_sampling
@@ -45,7 +46,10 @@ def write_alembic_onto(
 ) -> tuple[str, ...]:
     """Write a copy of the original in which its shapes move as in a sequence."""
     with archive_file(output) as path:
-        return _Copy(sequence, original, fits, source, output, path).write()
+        notices = _Copy(sequence, original, fits, source, output, path).write()
+        if output.is_filled:
+            replace_info(path, str(original.top.getMetaData()).encode())
+        return notices
 
 
 def _archive_like(original: AlembicSequence, path: Path) -> Any:

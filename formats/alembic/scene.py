@@ -1,13 +1,11 @@
 """Cut the motion out of an Alembic archive, and fill it again: blocks of its file, in place.
 
-An Ogawa file is a tree of groups, whose leaves are blocks: the samples of properties, each after a key of 16 bytes.
 Blocks of positions, normals and bounds become zeros; those of arrays that the decoder knows become zeros, too, and are
 filled. Keys become zeros. The rest of the file stays as it is, so that the library reads the archive as before.
 """
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -19,6 +17,7 @@ from alembic3d import Abc
 from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
+from pdecodec.formats.alembic.ogawa import KEY_BYTES, blocks
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import to_numpy
 from pdecodec.formats.base.carried_fields import StoredFields
@@ -29,9 +28,6 @@ from pdecodec.system.reading import read_regular
 
 ROOT = "scene.abc"
 """Name of the archive in a carrier."""
-
-_ROOT_PLACE, _KEY_BYTES, _IS_DATA = 8, 16, 1 << 63
-"""Place of the root group's place; bytes of a sample's key; bit of a place that says that there is a block."""
 
 _FEWEST_BYTES = 48
 """Fewest bytes of a block that is worth a cut: those of bounds."""
@@ -76,7 +72,7 @@ class AlembicFamily:
                     continue
             (replaced if path in moved and name in _OF_MOTION else kept).add(content)
         arrays, samples = [], []
-        for place, size in _blocks(data):
+        for place, size in blocks(data):
             content = bytes(memoryview(data)[place : place + size])
             if size < _FEWEST_BYTES:
                 continue
@@ -88,7 +84,7 @@ class AlembicFamily:
                 data[place : place + size] = bytes(size)
             if content in known or content in replaced or content in kept or content in coded:
                 # Keys tell samples apart when the library writes; it does not look at them when it reads.
-                data[place - _KEY_BYTES : place] = bytes(_KEY_BYTES)
+                data[place - KEY_BYTES : place] = bytes(KEY_BYTES)
         counts = Counter(_nouns(original.top))
         cuts = {"arrays": arrays, "samples": samples}
         names = tuple(dict.fromkeys(name for _, name, *_ in samples))
@@ -119,36 +115,6 @@ def _write(file: Any, place: int, content: bytes, size: int) -> None:
         raise damaged("the scene does not fit the meshes of the file")
     file.seek(place)
     file.write(content)
-
-
-def _blocks(data: bytearray) -> Iterator[tuple[int, int]]:
-    """Yield the place and size of the content of each sample; damaged if the tree is none."""
-    left, seen = [_number(data, _ROOT_PLACE)], set[int]()
-    while left:
-        place = left.pop()
-        if place in seen or not place:
-            continue
-        seen.add(place)
-        for index in range(_number(data, place)):
-            child = _number(data, place + 8 * (index + 1))
-            if not child & _IS_DATA:
-                left.append(child)
-                continue
-            where = child & ~_IS_DATA
-            if where and where not in seen:
-                seen.add(where)
-                size = _number(data, where)
-                if where + 8 + size > len(data):
-                    raise damaged("its tree of blocks leaves the file")
-                if size > _KEY_BYTES:
-                    yield where + 8 + _KEY_BYTES, size - _KEY_BYTES
-
-
-def _number(data: bytearray, place: int) -> int:
-    if place + 8 > len(data):
-        raise damaged("its tree of blocks leaves the file")
-    (found,) = struct.unpack_from("<Q", data, place)
-    return int(found)
 
 
 def _objects(top: Any) -> Iterator[Any]:

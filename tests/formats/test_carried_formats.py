@@ -344,15 +344,15 @@ def test_a_scene_that_ends_a_library_ends_only_its_worker(
 
 def test_an_alembic_tree_that_leaves_its_file_is_refused() -> None:
     pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
-    from pdecodec.formats.alembic.scene import _blocks
+    from pdecodec.formats.alembic.ogawa import blocks
 
     def words(*numbers: int) -> bytearray:
         return bytearray(b"Ogawa\xff\0\1" + struct.pack(f"<{len(numbers)}Q", *numbers))
 
-    assert [*_blocks(words(16, 1, 16))] == []  # a group in itself
+    assert [*blocks(words(16, 1, 16))] == []  # a group in itself
     for tree in (words(99), words(16, 2**60), words(16, 1, 2**63 + 99), words(16, 1, 2**63 + 32, 2**62)):
         with pytest.raises(InputError, match="leaves the file"):
-            list(_blocks(tree))
+            list(blocks(tree))
 
 
 EXODUS = ("block_crush_1.ex2", "aero_blunt_wedge_wall_test3.ex2", "test-assembly.exo", "cylinder.exo", "ADeDA.e",

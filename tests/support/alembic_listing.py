@@ -25,8 +25,7 @@ def _value(found: Any) -> Any:
 def listing(path: Path, moved: set[str]) -> dict[str, Any]:
     """Return everything in an archive except the motion of the shapes `moved`, by its path."""
     archive = Abc.IArchive(str(path))
-    facts = Abc.GetArchiveInfo(archive)
-    found: dict[str, Any] = {"archive": (facts["appName"], facts["userDescription"])}
+    found: dict[str, Any] = {"archive": str(archive.getTop().getMetaData())}
     left = [archive.getTop()]
     while left:
         item = left.pop()
