@@ -65,7 +65,10 @@ def replace_info(path: Path, text: bytes) -> None:
             if child & _IS_DATA and (place := child & ~_IS_DATA):
                 (size,) = _numbers(file, place, 1)
                 if size >= len(_INFO) and file.read(len(_INFO)) == _INFO:
-                    # The new text has another length: it goes to the end.
+                    # The new text has another length: it goes to the end. Without the old one, equal input gives equal
+                    # bytes.
+                    file.seek(place + 8)
+                    file.write(bytes(size))
                     end = file.seek(0, 2)
                     file.write(struct.pack("<Q", len(text)) + text)
                     file.seek(root + 8 * (index + 1))
