@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test test-all test-plugins long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop dist amalgamation docs vectors wasm clean
+.PHONY: demo test test-all test-plugins long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop blender-extension dist amalgamation docs vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -161,6 +161,13 @@ wasm: $(INSTALLED)
 # What other programs see of real files: the shared data's folder is named by PDECODEC_DATA.
 interop: $(READY) browser
 	$(BIN)/python -m tests.interop.table docs/interop.md
+
+# The extension with its wheels for this kind of machine, and for the Python of Blender 4.2 to 5.0.
+blender-extension: $(READY)
+	rm -rf build/blender
+	$(BIN)/python -m build --wheel --no-isolation --outdir build/blender
+	$(BIN)/python -m pip download --quiet --no-deps --only-binary :all: --python-version 3.11 --dest build/blender 'nanobind-backend<2'
+	$(BIN)/python plugins/blender/build.py dist build/blender/*.whl
 
 vectors: $(INSTALLED)
 	$(BIN)/python -m spec.make_vectors

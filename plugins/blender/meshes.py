@@ -1,0 +1,278 @@
+"""Meshes of Blender from objects of pdecodec, and back; attributes are named as docs/formats.md lists them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+import pdecodec
+
+UNITS = {"mm": 0.001, "cm": 0.01, "dm": 0.1, "m": 1.0, "km": 1000.0, "in": 0.0254, "ft": 0.3048, "yd": 0.9144}
+"""Metres in each unit that has a name; others are a number of metres, ``2.5 m``."""
+
+TO_Z = {
+    "X": np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]], float),
+    "Y": np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]], float),
+    "Z": np.eye(3),
+}
+"""Turns that bring an axis up to Blender's Z, for points that are columns."""
+
+KINDS = {1: ("FLOAT", "value"), 2: ("FLOAT2", "vector"), 3: ("FLOAT_VECTOR", "vector"), 4: ("FLOAT_COLOR", "color")}
+"""Blender's type of an attribute, and the property that holds it, by the number of components."""
+
+DOMAINS = {"vertex": "POINT", "face": "FACE", "corner": "CORNER"}
+
+MAIN_NAMES = {"uv": "UVMap", "color": "Color"}
+"""Names that Blender gives to the main UVs and colours."""
+
+
+def fill(mesh: bpy.types.Mesh, item: pdecodec.MeshObject | None) -> None:
+    """Give a mesh the faces, lines and attributes of an object, and vertices at the origin."""
+    mesh.clear_geometry()
+    if item is None:
+        return
+    whole = item.connectivity
+    pairs = _pairs_of_lines(whole)
+    mesh.vertices.add(whole.vertex_count)
+    mesh.edges.add(len(pairs))
+    mesh.edges.foreach_set("vertices", pairs.reshape(-1))
+    mesh.loops.add(whole.face_indices.size)
+    mesh.loops.foreach_set("vertex_index", whole.face_indices)
+    mesh.polygons.add(whole.face_count)
+    mesh.polygons.foreach_set("loop_start", np.cumsum(whole.face_counts, dtype=np.int32) - whole.face_counts)
+    mesh.update(calc_edges=True, calc_edges_loose=True)
+    mesh.shade_flat()
+    named = {one.name: one for one in item.attributes}
+    if "normal_group" in named or "smoothing" in named:
+        mesh.shade_smooth()
+        groups = named["normal_group"].values if "normal_group" in named else _smoothing(named["smoothing"], whole)
+        mesh.attributes.new("sharp_edge", "BOOLEAN", "EDGE").data.foreach_set("value", _sharp_edges(mesh, groups))
+    for attribute in item.attributes:
+        role, _, name = attribute.name.partition(":")
+        rows = expanded(attribute)
+        if role == "uv" and attribute.domain == "corner":
+            layer = mesh.uv_layers.new(name=name or MAIN_NAMES["uv"])
+            layer.uv.foreach_set("vector", np.ascontiguousarray(rows[:, :2], np.float32).reshape(-1))
+        elif role == "color":
+            _add_colors(mesh, name or MAIN_NAMES["color"], attribute, rows)
+        elif role == "material":
+            _add_materials(mesh, name, attribute, rows)
+    # Faces that use a vertex twice crash Blender's editors.
+    mesh.validate(clean_customdata=False)
+
+
+def expanded(attribute: pdecodec.Attribute) -> np.ndarray:
+    """Return one row for each element of an attribute's domain; zeros for an element without a value."""
+    if attribute.indices is None:
+        return attribute.values
+    values = attribute.values
+    return np.concatenate([values, np.zeros_like(values, shape=(1, *values.shape[1:]))])[attribute.indices]
+
+
+def write_values(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
+    """Write an attribute of floats, which is made if it is missing, with one row for each element of its domain."""
+    kind, holder = KINDS[values.shape[1] if values.ndim > 1 else 1]
+    found = mesh.attributes.get(name) or mesh.attributes.new(name, kind, DOMAINS[domain])
+    if len(found.data) == len(values) and (found.data_type, found.domain) == (kind, DOMAINS[domain]):
+        found.data.foreach_set(holder, np.ascontiguousarray(values, np.float32).reshape(-1))
+
+
+def _pairs_of_lines(whole: pdecodec.Connectivity) -> np.ndarray:
+    """Return the two vertices of each piece of a line, (pieces, 2) int32."""
+    is_last = np.zeros(whole.line_indices.size, bool)
+    is_last[np.cumsum(whole.line_counts) - 1] = True
+    first = np.flatnonzero(~is_last)
+    return np.stack([whole.line_indices[first], whole.line_indices[first + 1]], axis=1)
+
+
+def _add_colors(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribute, rows: np.ndarray) -> None:
+    counts = np.zeros(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", counts)
+    if attribute.domain == "face":
+        rows = np.repeat(rows, counts, axis=0)
+    elif attribute.domain == "object":
+        rows = np.repeat(rows[:1], len(mesh.vertices), axis=0)
+    colors = np.ones((len(rows), 4), np.float32)
+    colors[:, : rows.shape[1]] = rows / (255 if rows.dtype.kind in "iu" else 1)
+    domain = "POINT" if attribute.domain in ("vertex", "object") else "CORNER"
+    layer = mesh.color_attributes.new(name, "FLOAT_COLOR", domain)
+    layer.data.foreach_set("color", colors.reshape(-1))
+
+
+def _add_materials(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribute, rows: np.ndarray) -> None:
+    """Add slots for an attribute's labels, or for the one `name`, whose faces have a 1; slots that are there stay."""
+    numbers = np.zeros(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("material_index", numbers)
+    labels, values = (attribute.labels, rows) if attribute.labels else ((name,), rows.astype(int) - 1)
+    if (values < 0).any() and not len(mesh.materials):
+        mesh.materials.append(None)
+    for label in labels:
+        if label not in mesh.materials:
+            mesh.materials.append(bpy.data.materials.get(label) or bpy.data.materials.new(label))
+    slots = np.array([mesh.materials.find(label) for label in labels])
+    numbers = np.where(values >= 0, slots[values], numbers)
+    mesh.polygons.foreach_set("material_index", np.broadcast_to(numbers, len(mesh.polygons)).astype(np.int32))
+
+
+def _smoothing(attribute: pdecodec.Attribute, whole: pdecodec.Connectivity) -> np.ndarray:
+    """Return the smoothing group of each corner's face; faces of group 0 are flat, each a group of its own."""
+    groups = expanded(attribute).astype(np.int64)
+    return np.repeat(np.where(groups > 0, groups, -np.arange(len(groups))), whole.face_counts)
+
+
+def _corners(mesh: bpy.types.Mesh) -> tuple[np.ndarray, ...]:
+    """Return the vertex and edge of each corner, and the corner after it in its face."""
+    vertices, edges = (np.zeros(len(mesh.loops), np.int32) for _ in range(2))
+    starts, counts = (np.zeros(len(mesh.polygons), np.int32) for _ in range(2))
+    mesh.loops.foreach_get("vertex_index", vertices)
+    mesh.loops.foreach_get("edge_index", edges)
+    mesh.polygons.foreach_get("loop_start", starts)
+    mesh.polygons.foreach_get("loop_total", counts)
+    following = np.arange(1, len(vertices) + 1)
+    following[starts + counts - 1] = starts
+    return vertices, edges, following
+
+
+def _neighbours(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Return edges, and for each the corners of two faces at either end that meet there, (pairs, 2, 2)."""
+    vertices, edges, following = _corners(mesh)
+    here = np.arange(len(vertices))
+    # Both ends of an edge in each face, the vertex of the smaller number first.
+    ends = np.where(
+        (vertices < vertices[following])[:, None], np.stack([here, following], 1), np.stack([following, here], 1)
+    )
+    order = np.argsort(edges, kind="stable")
+    first, second = order[:-1], order[1:]
+    is_pair = edges[first] == edges[second]
+    first, second = first[is_pair], second[is_pair]
+    return edges[first], np.stack([ends[first], ends[second]], axis=2)
+
+
+def _sharp_edges(mesh: bpy.types.Mesh, groups: np.ndarray) -> np.ndarray:
+    """Return which edges are hard: those whose faces do not share the normal of a vertex, (edges,) bool."""
+    edges, pairs = _neighbours(mesh)
+    sharp = np.zeros(len(mesh.edges), bool)
+    sharp[edges[(groups[pairs[..., 0]] != groups[pairs[..., 1]]).any(axis=1)]] = True
+    return sharp
+
+
+def _normal_groups(mesh: bpy.types.Mesh) -> np.ndarray:
+    """Undo :func:`_sharp_edges`: return the number of each corner's normal at its vertex, (corners,) int32."""
+    vertices, _, _ = _corners(mesh)
+    edges, pairs = _neighbours(mesh)
+    is_hard = np.zeros(len(mesh.edges), bool)
+    mesh.edges.foreach_get("use_edge_sharp", is_hard)
+    is_flat = np.zeros(len(mesh.polygons), bool)
+    mesh.polygons.foreach_get("use_smooth", is_flat)
+    counts = np.zeros(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", counts)
+    is_smooth = np.repeat(is_flat, counts)
+    joined = pairs[~is_hard[edges]].reshape(-1, 2)
+    joined = joined[is_smooth[joined].all(axis=1)]
+    # Each corner takes the smallest number of those that it is joined to, until none changes.
+    owner = np.arange(len(vertices))
+    while True:
+        smallest = owner[joined].min(axis=1)
+        before = owner.copy()
+        for side in (0, 1):
+            np.minimum.at(owner, joined[:, side], smallest)
+        if np.array_equal(owner, before):
+            break
+    keys, which = np.unique(vertices.astype(np.int64) * (len(vertices) + 1) + owner, return_inverse=True)
+    vertex = keys // (len(vertices) + 1)
+    starts = np.flatnonzero(np.diff(vertex, prepend=-1))
+    numbers = np.arange(len(keys)) - np.repeat(starts, np.diff(starts, append=len(keys)))
+    return numbers[which.reshape(-1)].astype(np.int32)
+
+
+def object_of(name: str, mesh: bpy.types.Mesh, slots: Sequence[Any]) -> pdecodec.MeshObject:
+    """Return an evaluated mesh as an object: faces, loose edges, UVs, colours, materials of the slots, hard edges."""
+    counts = np.zeros(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", counts)
+    vertices, edges, _ = _corners(mesh)
+    ends = np.zeros((len(mesh.edges), 2), np.int32)
+    mesh.edges.foreach_get("vertices", ends.reshape(-1))
+    loose = np.delete(ends, edges, axis=0)
+    whole = pdecodec.Connectivity(
+        len(mesh.vertices), counts, vertices, np.full(len(loose), 2, np.int32), loose.reshape(-1)
+    )
+    found = []
+    for number, layer in enumerate(mesh.uv_layers):
+        values = np.zeros((len(mesh.loops), 2), np.float32)
+        layer.uv.foreach_get("vector", values.reshape(-1))
+        rows, which = np.unique(values, axis=0, return_inverse=True)
+        role = "uv" if not number else f"uv:{layer.name}"
+        found.append(pdecodec.Attribute(role, "corner", rows, which.reshape(-1).astype(np.int32)))
+    for number, layer in enumerate(mesh.color_attributes):
+        values = np.zeros((len(layer.data), 4), np.float32)
+        layer.data.foreach_get("color", values.reshape(-1))
+        role = "color" if not number else f"color:{layer.name}"
+        found.append(pdecodec.Attribute(role, "vertex" if layer.domain == "POINT" else "corner", values))
+    if len(counts) and any(slots):
+        numbers = np.zeros(len(counts), np.int32)
+        mesh.polygons.foreach_get("material_index", numbers)
+        labels = [slot.name for slot in slots if slot]
+        places = np.array([labels.index(slot.name) if slot else -1 for slot in slots], np.int32)
+        found.append(
+            pdecodec.Attribute("material", "face", places[numbers.clip(0, len(slots) - 1)], labels=tuple(labels))
+        )
+    if len(counts):
+        found.append(pdecodec.Attribute("normal_group", "corner", _normal_groups(mesh)))
+    return pdecodec.MeshObject(name, whole, tuple(found))
+
+
+def has_faces(mesh: bpy.types.Mesh, whole: pdecodec.Connectivity) -> bool:
+    """Return whether an evaluated mesh has as many vertices and the same faces."""
+    vertices = np.zeros(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", vertices)
+    counts = np.zeros(len(mesh.polygons), np.int32)
+    mesh.polygons.foreach_get("loop_total", counts)
+    return (
+        len(mesh.vertices) == whole.vertex_count
+        and np.array_equal(counts, whole.face_counts)
+        and np.array_equal(vertices, whole.face_indices)
+    )
+
+
+def fields_of(run: pdecodec.Animation, number: int) -> Iterator[pdecodec.Field]:
+    """Yield the fields of an object that a mesh can show."""
+    for field in run.fields:
+        if field.domain in DOMAINS and field.components in KINDS and (field.objects is None or number in field.objects):
+            yield field
+
+
+def transformed(
+    item: pdecodec.MeshObject, time: float, points: np.ndarray, rates: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return positions and velocities in the clip's space, for an object whose positions are in a space of its own.
+
+    Its attribute ``transform`` has rows of a time and a matrix, between which every number is linear.
+    """
+    rows = next((one.values for one in item.attributes if one.name == "transform"), None)
+    if rows is None:
+        return points, rates
+    matrix = np.array([np.interp(time, rows[:, 0], column) for column in rows[:, 1:].T]).reshape(4, 4)
+    if rates is not None:
+        after = int(np.searchsorted(rows[:, 0], time, side="right"))
+        slope = np.zeros((4, 4))
+        if 0 < after < len(rows):
+            slope = (
+                np.diff(rows[after - 1 : after + 1, 1:], axis=0) / np.diff(rows[after - 1 : after + 1, 0])
+            ).reshape(4, 4)
+        rates = rates @ matrix[:3, :3] + points @ slope[:3, :3] + slope[3, :3]
+    return (points @ matrix[:3, :3] + matrix[3, :3]).astype(np.float32), rates
+
+
+def space_of(animation: pdecodec.Animation) -> np.ndarray:
+    """Return the matrix, (4, 4), that brings a clip into Blender's space: Z up, metres. Y is up unless it says so."""
+    unit = animation.metadata.get("unit", "m").strip()
+    try:
+        metres = UNITS[unit] if unit in UNITS else float(unit.removesuffix("m"))
+    except ValueError:
+        metres = 1.0
+    matrix = np.eye(4)
+    matrix[:3, :3] = TO_Z.get(animation.metadata.get("up_axis", "").strip().upper(), TO_Z["Y"]) * metres
+    return matrix
