@@ -13,7 +13,6 @@ from pdecodec.codec.settings import DEFAULT_TOLERANCE, EffortName, EncodeSetting
 from pdecodec.errors import SettingsError
 from pdecodec.mesh.runs import changed
 from pdecodec.mesh.sequence import MeshSequence, Progress
-from pdecodec.mesh.surface_metrics import measure_corner_normals
 from pdecodec.system.arguments import shown
 
 PresetName = Literal["preview", "default", "hero", "archive"]
@@ -120,6 +119,9 @@ def normals_measured(sequence: MeshSequence, *, is_free: bool) -> Callable[[byte
     reference = changed(sequence, CodedOrderSequence) if is_free else sequence
 
     def measure(data: bytes, progress: Progress | None) -> float | None:
+        # Needs scipy, which programs that bundle the library do without.
+        from pdecodec.mesh.surface_metrics import measure_corner_normals
+
         with open_animation(data) as decoded:
             return measure_corner_normals(reference, decoded, progress)
 
