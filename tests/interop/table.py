@@ -149,10 +149,12 @@ def _scene_files(data: Path) -> list[Path]:
 
 
 def _shown(program: str, extension: str, clips: dict[str, Expected], folder: Path) -> list[Seen] | str:
-    jobs = [
-        Job(folder / f"{number}.{extension}", expected.times, expected.sequence.fps)
-        for number, expected in enumerate(clips.values())
-    ]
+    jobs = []
+    for number, expected in enumerate(clips.values()):
+        # Animations of glTF start at 0.
+        start = float(expected.sequence.times[0]) if extension == "glb" else 0.0
+        times = tuple(time - start for time in expected.times)
+        jobs.append(Job(folder / f"{number}.{extension}", times, expected.sequence.fps))
     say(f"{program}: {len(jobs)} files .{extension}")
     if program == "OpenUSD":
         return openusd_shows(jobs)
