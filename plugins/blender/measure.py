@@ -1,9 +1,9 @@
-"""Measure what opening a clip and showing one frame costs in Blender, as .pdeanim and as .abc and .usdc of the same motion.
+"""Measure what opening a clip and showing one frame costs in Blender: as .pdeanim, .abc and .usdc of the same motion.
 
     python plugins/blender/measure.py BLENDER_PYTHON CLIP.pdeanim ...
 
-BLENDER_PYTHON is a Python with bpy and pdecodec; this one writes the other files. Each figure is the smallest of runs in
-processes of their own, with files in the system's cache; memory is what the process takes beyond Blender.
+BLENDER_PYTHON is a Python with bpy and pdecodec; this one writes the other files. Each figure is the smallest of runs
+in processes of their own, with files in the system's cache; memory is what the process takes beyond Blender.
 """
 
 from __future__ import annotations
