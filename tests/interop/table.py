@@ -33,17 +33,24 @@ Written by `make interop` from the shared files; do not edit. Every file is open
 glTF, and these are opened by other programs. Of clips with more than 48 frames, the first 48 are used. Distances are
 the largest error of any point, divided by the diagonal of the first frame's bounding box: first at the first, a
 middle and the last frame, then at times between frames, compared with the straight line from frame to frame. If a
-part turns rigidly, its node turns between frames instead of moving straight. Normals are those of corners at these
-frames: the angle that 99 % do not exceed, and the largest, for faces with an area. Those marked "to source" are
-compared with the normals of the source as the same program shows it. The others are compared with ours, because the
-source has none, or the program cannot show them. If a source has no normals, Alembic and USD are written without, and
-programs show flat faces. From a glb, Blender takes only the normals at rest, not those of targets as three.js does,
-and turns them with the triangles at each vertex of the file. They are therefore off, by many degrees for strong
-bends, in two cases: on faces with more than three corners, which are triangles in the glb (arm, AnimCube, hypercube,
-lbs, deformingSubdTest, vellum_balloon); and where UV seams or hard edges split a vertex, whose parts turn
-independently (cortex_vertexAnim: without its UVs 0.02 degrees instead of 8.9). The largest angle can come from a few
-corners of triangles with almost no area (robot, chicken_crossing). Materials and UV sets are counted as Blender shows
-them in the glb / as we read them.
+part turns rigidly, its node turns between frames instead of moving straight. Animations of a glb begin at 0: it is
+looked at from there. Normals are those of corners at these frames: the angle that 99 % do not exceed, and the
+largest, for faces with an area. Those marked "to source" are compared with the normals of the source as the same
+program shows it. The others are compared with ours, because the source has none, or the program cannot show them.
+If a source has no normals, Alembic and USD are written without, and programs show flat faces.
+
+Normals are off to the source where we do not read its values. Normals that are no average of those of the faces are
+recomputed, which a line says for glTF (24_gpu_instancing, CesiumMilkTruck, MorphStressTest). Of USD and Alembic it is
+not said yet: vertices that a UV seam splits and that share a normal in the source each get one of their own
+(CesiumMan.usdz), and so do faces whose normals point the other way (openusd_nestedInstancing).
+
+From a glb, Blender takes only the normals at rest, not those of targets as three.js does, and turns them with the
+triangles at each vertex of the file. They are therefore off, by many degrees for strong bends, in two cases: on faces
+with more than three corners, which are triangles in the glb (arm, AnimCube, hypercube, lbs, deformingSubdTest,
+vellum_balloon); and where UV seams or hard edges split a vertex, whose parts turn independently (cortex_vertexAnim:
+without its UVs 0.02 degrees instead of 8.9; 03_skinned_cylinder, 24_animation_pointer, CesiumMan.glb). The largest
+angle can come from a few corners of triangles with almost no area (robot, chicken_crossing). Materials and UV sets
+are counted as Blender shows them in the glb / as we read them.
 """
 
 READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
