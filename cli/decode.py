@@ -144,7 +144,7 @@ def _decode(
         sequences = [positions] if speeds is None else [positions, speeds]
         _check_output(sequences, max_output, source)
         say_notices(positions.notices)
-        if writing.leaves_scene_out(animation, place, job.output):
+        if writing.leaves_scene_out(animation, positions, job.output):
             say("note: the scene of the file is left out, because objects are chosen, or turned or scaled")
         say_start(job, positions)
         bound = writing.rigid_bound(animation, place.scale, job.output)
@@ -256,14 +256,14 @@ class _Writing(_Part):
             other = "--onto" if self.onto else "--velocities"
             raise SettingsError(f"--rigid adds moving nodes; leave it out, or {other}")
 
-    def leaves_scene_out(self, source: MeshSequence, place: InputOptions, output: str) -> bool:
+    def leaves_scene_out(self, source: MeshSequence, chosen: MeshSequence, output: str) -> bool:
         """Return whether a scene would be written if the output had all objects, at their place."""
         from pdecodec.formats.base.opening import carries_scene_of
         from pdecodec.formats.base.registry import format_to_write
 
-        is_other = bool(place.objects or place.up_axis or place.unit or place.scale != 1)
+        entry = format_to_write(output)
         is_kept = self.scene == "keep" and self.onto is None
-        return is_other and is_kept and carries_scene_of(source, format_to_write(output))
+        return is_kept and carries_scene_of(source, entry) and not carries_scene_of(chosen, entry)
 
     def rigid_bound(self, source: MeshSequence, scale: float, output: str) -> float | None:
         """Return the bound within which objects count as rigid; None if rigid parts are not to be found."""

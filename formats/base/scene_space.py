@@ -14,7 +14,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
 from pdecodec.mesh.runs import changed
-from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, check_frame_range
+from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence, SceneSource, check_frame_range
 
 UP_AXIS, UNIT = "up_axis", "unit"
 
@@ -156,6 +157,13 @@ class PlacedSequence(DerivedSequence):
             self.notices = (*self.notices, told)
         self._kept = [transform_of(item) is not None for item in source.objects]
         self.objects = tuple(self._placed(item) for item in source.objects)
+        stays = (self._turn == np.eye(3)).all() and metres in (None, metres_per_unit(source) or metres)
+        self._is_scene_kept = bool(stays)
+
+    @cached_property
+    def carried(self) -> SceneSource | None:  # type: ignore[override]  # read when it is first needed
+        scene = self._source.carried
+        return scene if scene is None or self._is_scene_kept else _OtherPlace(scene, self._source)
 
     def _placed(self, item: MeshObject) -> MeshObject:
         """Return an object with the turn and scale applied to its kept transform, if it has one."""
@@ -303,6 +311,25 @@ def _reordered(attribute: Attribute, order: Int64Array) -> Attribute:
 def bake_transforms(sequence: MeshSequence) -> MeshSequence:
     """Return the sequence with every kept transform applied to its positions; the sequence itself if there is none."""
     return BakedTransforms(sequence) if any(transform_of(item) for item in sequence.objects) else sequence
+
+
+class _OtherPlace:
+    """The scene of a sequence that was turned or scaled, which does not fit any more."""
+
+    family = None
+
+    def __init__(self, scene: SceneSource, source: MeshSequence) -> None:
+        self._scene, self._source = scene, source
+
+    def of_some_objects(self) -> _OtherPlace:
+        """Return itself."""
+        return self
+
+    def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> None:
+        """Return None if there is nothing but meshes; else InputError."""
+        names = [one.name for one in self._source.fields]
+        if self._scene.carrier(self._source, exact_uvs=True, fields=names) is not None:
+            raise InputError("its meshes are turned, scaled, or of another unit than it", code="unsupported-feature")
 
 
 class BakedTransforms(DerivedSequence):

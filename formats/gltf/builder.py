@@ -6,7 +6,6 @@ import base64
 import copy
 import importlib
 import io
-import json
 import math
 import shutil
 import tempfile
@@ -20,7 +19,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from pdecodec.errors import MissingExtraError
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
-from pdecodec.formats.gltf.file import CHUNK_HEADER, COMPONENTS, GLB_HEADER, GLB_MAGIC, WIDTHS, GltfFile
+from pdecodec.formats.gltf.file import (
+    CHUNK_HEADER,
+    COMPONENTS,
+    GLB_HEADER,
+    GLB_MAGIC,
+    WIDTHS,
+    GltfFile,
+    json_bytes,
+)
 from pdecodec.mesh.arrays import Float32Array
 
 QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
@@ -318,7 +325,7 @@ class GltfBuilder:
         length = self._data.tell()
         uri = {"uri": "data:application/octet-stream;base64,"} if as_text else {}
         self.root["buffers"] = [{"byteLength": length, **uri}, *self._others, *self._fallback()]
-        text = json.dumps(self.root, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        text = json_bytes(self.root, allow_nan=False)
         self._data.seek(0)
         with path.open("wb") as file:
             if as_text:

@@ -141,6 +141,14 @@ class GltfFile:
         return data[first:end]
 
 
+def json_bytes(root: Any, *, allow_nan: bool = True) -> bytes:
+    """Return JSON as UTF-8; with escapes if a text has half a surrogate pair, which UTF-8 cannot hold."""
+    try:
+        return json.dumps(root, separators=(",", ":"), ensure_ascii=False, allow_nan=allow_nan).encode()
+    except UnicodeEncodeError:
+        return json.dumps(root, separators=(",", ":"), allow_nan=allow_nan).encode()
+
+
 def as_declared(values: NDArray[Any], entry: Mapping[str, Any]) -> NDArray[Any]:
     """Return rows of an accessor, converted to float32 if its entry declares normalised integers."""
     if not entry.get("normalized") or values.dtype.kind not in "iu":

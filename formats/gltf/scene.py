@@ -24,7 +24,7 @@ from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.carrying import Stripped
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
-from pdecodec.formats.gltf.file import COMPONENTS, TRIANGLES, WIDTHS, GltfFile, flipped
+from pdecodec.formats.gltf.file import COMPONENTS, TRIANGLES, WIDTHS, GltfFile, flipped, json_bytes
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
@@ -74,7 +74,7 @@ class GltfFamily:
             elif head:
                 outside.append(image["uri"])
         checks = {str(index): zlib.crc32(data.data) for index, data in _filled(buffers, root, cuts, objects)}
-        files = {ROOT: json.dumps(root, separators=(",", ":"), ensure_ascii=False).encode(), **files}
+        files = {ROOT: json_bytes(root), **files}
         chosen = root["animations"][original.clip_number].get("name") if root.get("animations") else None
         clip = {"clip": chosen} if chosen and original.clip_number else {}
         notes = {"arrays": cuts, "images": images, "checks": checks, **clip}

@@ -262,6 +262,40 @@ def test_a_damaged_scene_stops_only_those_who_write_it(tmp_path: Path, capsys: p
     assert not (tmp_path / "c.glb").exists()
 
 
+def test_names_that_utf8_cannot_hold_keep_their_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "a.gltf"
+    points = np.random.default_rng(2).normal(size=(3, 4, 3))
+    pdecodec.write_sequence(pdecodec.ArraySequence(points, faces=[[0, 1, 2], [0, 2, 3]], fps=24), source)
+    root = json.loads(source.read_text())
+    root["cameras"] = [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}, "name": "half\ud800"}]
+    root["nodes"].append({"camera": 0, "name": "\udc00 é"})
+    source.write_text(json.dumps(root))
+    assert run(["encode", str(source), "-o", str(tmp_path / "a.pdeanim")]) == 0
+    assert "scene: 1 camera" in capsys.readouterr().err
+    for name in ("b.gltf", "b.glb"):
+        assert run(["decode", str(tmp_path / "a.pdeanim"), "-o", str(tmp_path / name)]) == 0
+        found = read_gltf(tmp_path / name).root
+        assert found["cameras"] == root["cameras"]
+        assert root["nodes"][-1] in found["nodes"]
+
+
+@pytest.mark.parametrize(
+    ("options", "is_kept"),
+    [(["--up-axis", "Y"], True), (["--unit", "m"], True), (["--up-axis", "Z"], False), (["--unit", "cm"], False),
+     (["--scale", "2"], False), (["--order", "free"], False)],
+)  # fmt: skip
+def test_a_scene_is_kept_where_its_meshes_keep_their_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], is_kept: bool
+) -> None:
+    source, file = gltf_scene(tmp_path / "a.glb"), str(tmp_path / "a.pdeanim")
+    assert run(["encode", str(source), "-o", file, *options]) == 0
+    said = capsys.readouterr().err
+    assert ("scene: 1 camera" in said) == is_kept
+    assert ("the scene around the motion is not kept: " in said) != is_kept
+    assert run(["decode", file, "-o", str(tmp_path / "b.glb"), *(options[:2] if is_kept else [])]) == 0
+    assert len(read_gltf(tmp_path / "b.glb").listed("cameras")) == is_kept
+
+
 def test_rigid_parts_of_a_gltf_scene_stay_small(tmp_path: Path) -> None:
     turns = np.linspace(0, 2, 40)[:, None]
     flat = np.random.default_rng(2).normal(size=(1, 60, 3))
