@@ -56,7 +56,7 @@ def _number(data: bytearray, place: int) -> int:
 def replace_info(path: Path, text: bytes) -> None:
     """Replace the text by which a file that the library wrote says who wrote it, and when.
 
-    The library writes the present time, whatever it is told.
+    The library itself always writes the present time.
     """
     with path.open("r+b") as file:
         (root,) = _numbers(file, _ROOT_PLACE, 1)

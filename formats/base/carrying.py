@@ -14,6 +14,7 @@ import weakref
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -25,6 +26,7 @@ from pdecodec.errors import ErrorCode, InputError, damaged
 from pdecodec.formats.base.attribute_roles import UV, is_role, reversed_corners
 from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
+from pdecodec.formats.base.isolated_writing import in_worker
 from pdecodec.formats.base.onto import Fitted, match_objects, write_onto
 from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Format, load
@@ -252,10 +254,10 @@ def write_scene(
                 raise damaged("the scene does not hold all of its files")
             if absent := set(cuts.get("fields", ())) - {one.name for one in sequence.fields}:
                 raise InputError(f"it needs the field {min(absent)!r}", code="object-missing")
-            write = write_filled
-            if isolate and entry.name in _BY_LIBRARIES:
-                from pdecodec.formats.base.isolated_writing import write_filled_isolated as write
-            written = write(sequence, entry, folder / place.name, where, cuts, options)
+            write = partial(in_worker, write_filled) if isolate and entry.name in _BY_LIBRARIES else write_filled
+            written = Written(*write(sequence, entry, folder / place.name, where, cuts, options))
+            if not set(written.companions) <= set(names) or Path(written.original).name != written.original:
+                raise damaged("the scene is damaged: its files have other names")
         except InputError as error:
             if error.code in OF_OUTPUT:
                 raise

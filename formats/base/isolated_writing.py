@@ -7,7 +7,7 @@ the next call brings them. Answers are arrays, as those of workers that read.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from pdecodec.codec.source import DecodeLimits, chosen_limits, usual_limits
 from pdecodec.errors import damaged
-from pdecodec.formats.base.carrying import Written, write_filled
 from pdecodec.formats.base.isolated import call_about_file
 from pdecodec.formats.base.registry import Format, list_formats
 from pdecodec.mesh.arrays import Float32Array
@@ -27,27 +26,36 @@ from pdecodec.mesh.sequence import MeshSequence
 from pdecodec.system.reading import allowed_folders, asset_folders_allowed
 from pdecodec.system.workers import Worker
 
+Write = Callable[[MeshSequence, Format, Path, Path, dict[str, Any], Mapping[str, Any]], Sequence[Any]]
+"""A function that fills and writes a scene (:func:`pdecodec.formats.base.carrying.write_filled`)."""
+
 _FACTS = ("objects", "times", "fps", "metadata", "notices", "fields")
 
 
-def write_filled_isolated(
-    sequence: MeshSequence, entry: Format, place: Path, where: Path, cuts: dict[str, Any], options: Mapping[str, Any]
-) -> Written:
-    """Do what :func:`pdecodec.formats.base.carrying.write_filled` does in a worker process."""
+def in_worker(
+    write: Write,
+    sequence: MeshSequence,
+    entry: Format,
+    place: Path,
+    where: Path,
+    cuts: dict[str, Any],
+    options: Mapping[str, Any],
+) -> tuple[str, str, Sequence[str], tuple[str, ...]]:
+    """Return ``write(sequence, entry, place, where, cuts, options)``, called in a worker process."""
     velocities, progress = options["velocities"], options["progress"]
     facts = [None if one is None else {name: getattr(one, name) for name in _FACTS} for one in (sequence, velocities)]
     own = {key: value for key, value in options.items() if key not in ("velocities", "progress")}
     sources = {"sequence": sequence, "velocities": velocities}
     worker = Worker(arrays_only=True)
     try:
-        arguments = facts, entry.name, where, cuts, own, chosen_limits(None), allowed_folders()
+        arguments = write, facts, entry.name, where, cuts, own, chosen_limits(None), allowed_folders()
         told = call_about_file(worker, place, _begin, *arguments)
         while True:
             asked = json.loads(told["asked"].tobytes())
             match asked["what"]:
                 case "done":
                     root, original, companions = asked["names"]
-                    return Written(root, original, companions, tuple(asked["notices"]))
+                    return root, original, companions, tuple(asked["notices"])
                 case "progress":
                     values = None
                     if progress is not None:
@@ -82,7 +90,7 @@ class _Asked(MeshSequence):
 class _Job(Thread):
     """The writing, in a worker."""
 
-    def __init__(self, write: Callable[[Callable[..., Any]], Written]) -> None:
+    def __init__(self, write: Callable[[Callable[..., Any]], Sequence[Any]]) -> None:
         super().__init__(daemon=True)
         self._write = write
         self.questions, self.answers = SimpleQueue[dict[str, Any] | Exception](), SimpleQueue[Any]()
@@ -111,6 +119,7 @@ _jobs: list[_Job] = []
 
 def _begin(
     place: Path,
+    write: Write,
     facts: list[Any],
     name: str,
     where: Path,
@@ -121,15 +130,15 @@ def _begin(
 ) -> dict[str, NDArray[np.uint8]]:
     """Begin to write in a worker; return what it asks first."""
 
-    def write(ask: Callable[..., Any]) -> Written:
+    def written(ask: Callable[..., Any]) -> Sequence[Any]:
         sequence = _Asked("sequence", facts[0], ask)
         velocities = None if facts[1] is None else _Asked("velocities", facts[1], ask)
         entry = next(one for one in list_formats() if one.name == name)
         more = {**options, "velocities": velocities, "progress": lambda *done: ask("progress", done=done)}
         with usual_limits(limits), asset_folders_allowed(folders):
-            return write_filled(sequence, entry, place, where, cuts, more)
+            return write(sequence, entry, place, where, cuts, more)
 
-    _jobs[:] = [_Job(write)]
+    _jobs[:] = [_Job(written)]
     _jobs[0].start()
     return _jobs[0].next_question()
 
