@@ -67,7 +67,7 @@ class AlembicFamily:
             seconds = None if owner is None or not len(values) else fields.seconds(time)
             if owner is not None and coded.get(content, owner)[:2] == owner and seconds is not None:
                 rows = values.reshape(len(values), -1)
-                if content in coded or fields.is_stored(*owner, time, seconds, rows):
+                if content in coded or fields.is_stored(*owner, time, rows):
                     coded[content] = (*owner, values.dtype.str, len(values), time, seconds)
                     continue
             (replaced if path in moved and name in _OF_MOTION else kept).add(content)
@@ -104,9 +104,14 @@ class AlembicFamily:
                 open_fields(folder / ROOT, sequence, {name for _, name, *_ in cuts["samples"]}) as fields,
                 (folder / ROOT).open("r+b") as file,
             ):
-                for place, name, number, dtype, count, time, seconds in cuts["samples"]:
+                for place, name, number, dtype, count, time, seconds in sorted(cuts["samples"], key=_by_frame):
                     content = fields.at(name, number, time, seconds, count).astype(dtype).tobytes()
                     _write(file, place, content, size)
+
+
+def _by_frame(sample: Sequence[Any]) -> tuple[Any, ...]:
+    """Return by what samples are sorted, so that all objects of a frame follow each other."""
+    return sample[1], sample[6]
 
 
 def _write(file: Any, place: int, content: bytes, size: int) -> None:

@@ -6,20 +6,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.attribute_roles import direction_role, reversed_corners
+from pdecodec.errors import InputError
+from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.scene_reading import SceneSequence, ShapeField
 from pdecodec.formats.base.scene_space import turned_directions
 from pdecodec.formats.base.times import SAME_TIME
+from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence
 
-CLOSE = 1e-5
-"""Largest difference of a value that was turned into the space of the scene and back, relative to the largest value."""
+MOST_SKEWED = 1e4
+"""Largest condition number of a transform under which directions are cut out: it multiplies their error."""
 
 
 class StoredFields:
@@ -44,6 +47,7 @@ class StoredFields:
         self, sequence: MeshSequence, original: MeshSequence, fits: Sequence[Fitted], names: Collection[str]
     ) -> None:
         self._sequence, self._fits, self.names = sequence, fits, names
+        self._read: tuple[str, int, NDArray[Any]] | None = None
         if not isinstance(original, SceneSequence):
             self._fields: dict[str, Field] = {}
             return
@@ -75,35 +79,44 @@ class StoredFields:
         """Return the `count` rows (count, components) that are stored at a time of the format.
 
         `seconds` is that time; of a sequence without a frame then, the nearest frame is taken. Rows that the field
-        lacks are 0.
+        lacks are 0. Objects of one frame, one after the other, take one read.
         """
-        field, index = self._fields[name], self._fits[number].index
-        source, shape = self._original.field_sources[name][index], self._original.shapes[index]
+        field, (source, shape, matrix) = self._fields[name], self._stored(name, number, time)
         frame = int(np.abs(self._sequence.times - seconds).argmin())
-        values = self._sequence.read_field(name, frame, frame + 1)
+        if self._read is None or self._read[:2] != (name, frame):
+            self._read = name, frame, self._sequence.read_field(name, frame, frame + 1)
+        values = self._read[2]
         rows = values.reshape(1, values.shape[1], -1)[:, self._slices[name][number]]
-        matrix = self._original.field_matrix(field, shape, int(np.abs(self._times - time).argmin()))
         if matrix is not None:
             rows = turned_directions(field, rows, np.linalg.inv(matrix).astype(np.float64))
-        rows = rows[0]
-        if field.domain == "corner" and self._fits[number].item.connectivity is not shape.connectivity:
-            faces = self._fits[number].item.connectivity
-            if not faces.same_as(shape.connectivity):
-                rows = rows[reversed_corners(faces.face_counts)]
-        if source.order is not None:
-            rows = _scattered(rows, source.order, source.rows)
-        return rows if source.rows_at is None else _scattered(rows, source.rows_at(time), count)
+        rows, faces = rows[0], self._fits[number].item.connectivity
+        if field.domain == "corner" and not faces.same_as(shape.connectivity):
+            rows = rows[reversed_corners(faces.face_counts)]
+        return _in_file(source, rows, time, count)
 
-    def is_stored(self, name: str, number: int, time: float, seconds: float, values: NDArray[np.generic]) -> bool:
-        """Return whether :meth:`at` gives the values (count, components) that are stored."""
-        try:
-            found = self.at(name, number, time, seconds, len(values)).astype(values.dtype)
-        except (ValueError, IndexError):  # it is flattened, or does not fit
+    def is_stored(self, name: str, number: int, time: float, values: NDArray[np.generic]) -> bool:
+        """Return whether values (count, components) are what the original stores at a time, and :meth:`at` gives."""
+        source, _, matrix = self._stored(name, number, time)
+        if matrix is not None and not np.linalg.cond(matrix[0, :3, :3]) < MOST_SKEWED:
             return False
-        if found.shape != values.shape or direction_role(self._fields[name]) is None:
-            return found.tobytes() == values.tobytes()
-        with np.errstate(invalid="ignore"):
-            return bool((np.abs(found - values) <= CLOSE * np.abs(values).max(initial=0)).all())
+        try:
+            found = _in_file(source, source.at(time), time, len(values))
+        except InputError:  # it has no values then
+            return False
+        return found.astype(values.dtype).tobytes() == values.tobytes()
+
+    def _stored(self, name: str, number: int, time: float) -> tuple[ShapeField, Any, Float64Array | None]:
+        """Return a field of a shape, the shape, and the matrix (1, 4, 4) by which its values are turned at a time."""
+        index, near = self._fits[number].index, int(np.abs(self._times - time).argmin())
+        shape = self._original.shapes[index]
+        matrix = self._original.field_matrix(self._fields[name], shape, near)
+        return self._original.field_sources[name][index], shape, matrix
+
+
+def _in_file(source: ShapeField, rows: NDArray[np.generic], time: float, count: int) -> NDArray[np.generic]:
+    """Return rows of an object as its file stores them."""
+    found = rows if source.order is None else _scattered(rows, source.order, source.rows)
+    return found if source.rows_at is None else _scattered(found, source.rows_at(time), count)
 
 
 def _scattered(rows: NDArray[np.generic], places: NDArray[np.integer], count: int) -> NDArray[np.generic]:

@@ -104,8 +104,10 @@ class UsdFamily:
                 _set(spec, _typed(spec, known[tuple(cut)]))
         if cuts.get("samples"):
             names = {field for _, _, field, *_ in cuts["samples"]}
+            # All objects of a frame follow each other.
+            by_frame = sorted(cuts["samples"], key=lambda one: (one[2], one[6]))
             with open_fields(folder / cuts["root"], sequence, names) as fields, _layers_to_fill(folder) as layer_of:
-                for name, path, field, number, dtype, code, seconds, count in cuts["samples"]:
+                for name, path, field, number, dtype, code, seconds, count in by_frame:
                     spec = layer_of(name).GetAttributeAtPath(path)
                     rows = fields.at(field, number, code, seconds, count).astype(dtype)
                     shape = np.array(spec.layer.QueryTimeSample(spec.path, code)).shape
@@ -247,7 +249,7 @@ def _cut_samples(spec: Any, fields: StoredFields, name: str, number: int) -> Ite
         values, seconds = np.array(stored), fields.seconds(code)
         if seconds is None or values.size < _FEWEST or values.dtype.kind not in "fiu":
             continue
-        if fields.is_stored(name, number, code, seconds, values.reshape(len(values), -1)):
+        if fields.is_stored(name, number, code, values.reshape(len(values), -1)):
             spec.layer.SetTimeSample(spec.path, code, _typed(spec, np.full_like(values, index % 100)))
             yield values.dtype.str, code, seconds, len(values)
 
