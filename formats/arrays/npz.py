@@ -8,6 +8,7 @@ any array is read.
 from __future__ import annotations
 
 import math
+import sys
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -144,6 +145,12 @@ def _read(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> NDArray[Any]:
     _read_header(archive, info)
     with archive.open(info) as member:
         array: NDArray[Any] = np.lib.format.read_array(member, allow_pickle=False)
+    if array.dtype.kind != "U":
+        return array
+    # NumPy takes any number for a character, and raises SystemError when such text becomes a str.
+    texts = np.ravel(array).astype(array.dtype.newbyteorder("="))
+    if texts.view(np.uint32).max(initial=0) > sys.maxunicode:
+        raise damaged(f"{info.filename} has characters that Unicode does not have; write it again")
     return array
 
 

@@ -275,3 +275,10 @@ def test_an_hdf5_name_that_is_not_utf8_is_refused_without_an_address_in_memory(t
     with pytest.raises(InputError, match="cannot be read as HDF5") as caught:
         open_sequence(path)
     assert "0x" not in str(caught.value)
+
+
+def test_text_that_is_not_unicode_is_refused(tmp_path: Path) -> None:
+    name = np.array([0x110000], np.uint32).view("U1").reshape(())
+    np.savez(tmp_path / "x.npz", **RICH, **{"objects/9/name": name})
+    with pytest.raises(InputError, match=r"objects/9/name.npy has characters that Unicode does not have"):
+        open_sequence(tmp_path / "x.npz")
