@@ -1,10 +1,11 @@
 // Writes the data that a build decodes from files, so that builds can be compared: exactness FOLDER FILE...
 //
 // For each file NAME, these must be the same in every decoder: NAME.polygons, NAME.reference and NAME.coefficients have
-// the integers whose digests are in the manifest; NAME.rest has names, attributes, times, and every bit read, with its
-// probability; NAME.error has the class of the error, its byte, frame and text, if the file is refused. NAME.points has
-// the margin by which positions may differ (float64), then the positions (float32) of each run, at its frames and then
-// between them.
+// the integers whose digests are in the manifest; NAME.rest has names, attributes, times, fields, and every bit read,
+// with its probability; NAME.error has the class of the error, its byte, frame and text, if the file is refused.
+// NAME.points has the margin by which positions may differ (float64), then the positions (float32) of each run, at its
+// frames and then between them.
+#include <algorithm>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -54,6 +55,13 @@ void write_polygons(const std::vector<Connectivity> &parts, Output &out) {
         };
         write(part.face_sizes, part.face_indices);
         write(part.line_sizes, part.line_indices);
+        auto node = part.cell_indices.begin();
+        for (std::size_t cell = 0; cell < part.cell_sizes.size(); ++cell) {
+            const i32 size = part.cell_sizes[cell];
+            out.write(std::vector<i64>{size + 1, part.cell_shapes[cell]});
+            out.write(std::vector<i64>(node, node + size));
+            node += size;
+        }
     }
 }
 
@@ -80,6 +88,21 @@ void write_rest(Animation &animation, Output &out) {
     out.list(animation.sections().times());
 }
 
+// Write the values of the fields that no group computes from positions: positions may differ.
+void write_fields(Animation &animation, Output &out) {
+    StoredFields &fields = animation.stored_fields();
+    for (std::size_t k = 0; k < fields.headers().size(); ++k) {
+        const FieldHeader &header = fields.headers()[k];
+        out.list(header.name);
+        if (std::ranges::any_of(header.groups, [](const FieldGroup &group) { return is_computed(group.code); }))
+            continue;
+        const i64 frames = animation.sections().frames();
+        std::vector<u8> values(frames * fields.rows(k) * header.components * size_of_type(header.type));
+        fields.read(k, 0, frames, values);
+        out.list(values);
+    }
+}
+
 // Append the positions of a run, and raise the margin to the difference that 19 of the specification allows for them.
 void add_points(Animation &animation, double &margin, std::vector<float> &points) {
     for (const Group &group : animation.sections().table().groups()) {
@@ -99,7 +122,8 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
     const std::vector<u8> data(read.begin(), read.end());
     const auto beside = [&](const char *ending) { return folder / (path.stem().string() + ending); };
     const auto refuse = [&](const char *kind, const std::exception &error, i64 byte, i64 frame) {
-        std::ofstream(beside(".error")) << kind << ' ' << byte << ' ' << frame << ' ' << error.what() << '\n';
+        std::ofstream(beside(".error"), std::ios::binary)
+            << kind << ' ' << byte << ' ' << frame << ' ' << error.what() << '\n';
     };
     bits.clear();
     try {
@@ -119,6 +143,7 @@ void decode(const std::filesystem::path &folder, const std::filesystem::path &pa
             reference.write(animation.sections().reference().grid);
             write_coefficients(animation, coefficients);
             write_rest(animation, rest);
+            write_fields(animation, rest);
             add_points(animation, margin, points);
         }
         positions.write(std::vector<double>{margin});

@@ -10,6 +10,7 @@ the margin.
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
 import shutil
 import subprocess
@@ -31,7 +32,11 @@ REMARKS = ("(3.2)", "(18)")
 
 @dataclass(frozen=True)
 class Build:
-    """How to compile the core: a compiler with its options, and the command that runs the programs."""
+    """How to compile the core: a compiler with its options, and the command that runs the programs.
+
+    Where `target` names a processor and system, the compiler is Zig's. `runs` is false for a system that no emulator
+    runs here: such a build shows only that the core compiles and links.
+    """
 
     name: str
     compiler: str
@@ -39,17 +44,31 @@ class Build:
     contract: str = "off"
     runner: tuple[str, ...] = ()
     static: bool = False
+    target: str = ""
+    runs: bool = True
 
     @property
     def missing(self) -> list[str]:
-        return [program for program in (self.compiler, *self.runner[:1], "cmake") if shutil.which(program) is None]
+        zig = ["ziglang"] if self.target and importlib.util.find_spec("ziglang") is None else []
+        programs = (*(() if self.target else (self.compiler,)), *self.runner[:1], "cmake")
+        return [*zig, *(program for program in programs if shutil.which(program) is None)]
+
+    @property
+    def system(self) -> str:
+        """The system as CMake calls it, or nothing for this machine's."""
+        names = {"windows": "Windows", "macos": "Darwin", "linux": "Linux"}
+        return next((names[part] for part in self.target.split("-") if part in names), "")
 
 
 CLANG_NAMES = ("clang++", *(f"clang++-{version}" for version in range(25, 13, -1)))
 
 CLANG = next(filter(shutil.which, CLANG_NAMES), CLANG_NAMES[0])
 
-AARCH64 = {"compiler": "aarch64-linux-gnu-g++", "runner": ("qemu-aarch64",), "static": True}
+AARCH64: dict[str, Any] = {"compiler": "aarch64-linux-gnu-g++", "runner": ("qemu-aarch64",), "static": True}
+
+ZIG: dict[str, Any] = {"compiler": "zig", "flags": "-O2"}
+
+WINE = next(filter(shutil.which, ("wine64", "wine", "/usr/lib/wine/wine64")), "wine64")
 
 BUILDS = (
     Build("gcc-O3-fused", "g++", "-O3 -mfma", "fast"),
@@ -61,12 +80,16 @@ BUILDS = (
     Build("arm64-O3", **AARCH64, flags="-O3"),
     Build("arm64-O0", **AARCH64, flags="-O0"),
     Build("arm64-O3-fused", **AARCH64, flags="-O3", contract="fast"),
+    Build("windows-x86-64", **ZIG, target="x86_64-windows-gnu", runner=(WINE,)),
+    Build("linux-arm64-musl", **ZIG, target="aarch64-linux-musl", runner=("qemu-aarch64",)),
+    Build("macos-arm64", **ZIG, target="aarch64-macos", runs=False),
+    Build("macos-x86-64", **ZIG, target="x86_64-macos", runs=False),
 )
-"""All builds, of which `make test` runs only the first: it differs most from the installed one."""
+"""All builds; the first one differs most from the installed one."""
 
 
 def decoded(build: Build) -> Path:
-    """Compile a build, let it decode all vectors, and return the folder of its results."""
+    """Compile a build, let it decode all vectors if it runs here, and return the folder of its results."""
     folder = ROOT / "build" / "exactness" / build.name
     options = {
         "CMAKE_CXX_COMPILER": build.compiler,
@@ -77,19 +100,35 @@ def decoded(build: Build) -> Path:
         "PDEANIM_EXACTNESS": "ON",
         "PDEANIM_LIBRARY": "OFF",
     }
+    if build.target:
+        options |= {"CMAKE_SYSTEM_NAME": build.system, **zig_programs(folder, build.target)}
     settings = [f"-D{name}={value}" for name, value in options.items()]
     run("cmake", "-S", ROOT / "core", "-B", folder, *settings)
     run("cmake", "--build", folder, "--parallel", str(os.cpu_count()), "--target", "exactness")
     out = folder / "out"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
+    if not build.runs:
+        return out
     files = [*accepted_files().values(), *write_vectors(folder / "refused", "reject").values()]
-    run(*build.runner, folder / "exactness", out, *files)
+    run(*build.runner, folder / f"exactness{'.exe' * (build.system == 'Windows')}", out, *files)
     return out
 
 
+def zig_programs(folder: Path, target: str) -> dict[str, str]:
+    """Write scripts that run Zig's compiler and archiver for a target, and return what CMake calls each."""
+    folder.mkdir(parents=True, exist_ok=True)
+    commands = {"CMAKE_CXX_COMPILER": f"c++ -target {target}", "CMAKE_AR": "ar", "CMAKE_RANLIB": "ranlib"}
+    for name, command in commands.items():
+        script = folder / name
+        script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n', "utf-8")
+        script.chmod(0o755)
+    return {name: str(folder / name) for name in commands}
+
+
 def run(*command: str | Path) -> None:
-    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    quiet = os.environ | {"WINEDEBUG": "-all", "WINEPREFIX": str(ROOT / "build" / "exactness" / "wine")}
+    result = subprocess.run(command, capture_output=True, text=True, check=False, env=quiet)
     if result.returncode:
         sys.exit(f"{' '.join(map(str, command[:4]))} ...\n{result.stdout[-4000:]}{result.stderr[-4000:]}")
 
@@ -171,6 +210,9 @@ def main(names: list[str]) -> None:
             print(f"{build.name}: skipped, there is no {', '.join(build.missing)}")
             continue
         out = decoded(build)
+        if not build.runs:
+            print(f"{build.name}: compiled and linked; nothing here runs it")
+            continue
         found = list(faults(out)) + (list(differences(first[1], out)) if first else [])
         print(f"{build.name}: {'; '.join(found) if found else 'as it should be'}")
         first = first or (build.name, out)
