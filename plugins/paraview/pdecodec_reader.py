@@ -1,6 +1,7 @@
 """Read `.pdeanim` files in VTK and ParaView: a reader for VTK's pipeline, which is a ParaView plug-in as it stands.
 
-In ParaView: Tools > Manage Plugins > Load New, and choose this file; or set ``PV_PLUGIN_PATH`` to its folder.
+In ParaView: Tools > Manage Plugins > Load New, and choose this file. The other files of the folder are no plug-ins:
+leave the folder out of ``PV_PLUGIN_PATH``.
 """
 
 # ruff: noqa: N802 - VTK and ParaView call methods by their names
