@@ -249,8 +249,8 @@ class _Writing(_Part):
     def check(self) -> None:
         if self.onto is None and (self.layer or self.clip):
             raise SettingsError(f"{'--layer' if self.layer else '--clip'} is for --onto; leave it out")
-        if self.onto is not None and (self.quantize or self.web or self.motion):
-            name = "--web" if self.web else "--quantize" if self.quantize else "--motion"
+        if self.onto is not None and (self.quantize or self.web):
+            name = "--web" if self.web else "--quantize"
             raise SettingsError(f"{name} would move the nodes of the original; leave it out, or --onto")
         if self.rigid and (self.onto is not None or self.velocities):
             other = "--onto" if self.onto else "--velocities"
@@ -287,7 +287,7 @@ class _Writing(_Part):
                 path,
                 clip=self.clip,
                 layer=self.layer,
-                **self._settings("meshopt", "straight"),
+                **self._settings("meshopt", "straight", "motion"),
                 **options,
             )
         from pdecodec.formats import write_sequence

@@ -50,7 +50,8 @@ CONVENTIONS = """\
   objects stay moving nodes; with `--no-rigid` the motion moves them, too, which often makes smaller files. With
   `--web`, the shape that other viewers show is rounded to within 0.43 bounds, UVs to 1/4096 and normals to 8 bits;
   the motion keeps its bound. That of a `.pdeanim` file is stored without encoding it again, unless a bound is given.
-  We read these files like any other.
+  It goes into the scene that the file carries, or into ORIGINAL of `--onto`. These files are read like any other.
+  Sizes: [web](web.md).
 - **Materials of glTF**: `convert` from glTF to glTF keeps them with textures, images and extensions, by their names,
   and so does `decode --onto`. If several materials share a name, the first is used.
 - **Faces** run counterclockwise seen from outside; faces of Alembic and of left-handed USD meshes are reversed,

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,9 @@ from pdecodec.formats.base.times import times_kept
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 from pdecodec.system.reading import asset_folders_allowed
+
+if TYPE_CHECKING:
+    from pdecodec.codec.settings import EncodeSettings
 
 FLATTENED_TOLERANCE = 1e-5
 """Largest error that inverting a flattening transform may leave in positions, relative to the largest coordinate."""
@@ -72,6 +75,7 @@ def write_onto(
     asset_folders: Iterable[str | os.PathLike[str]] = (),
     is_filled: bool = False,
     rigid: float | None = None,
+    motion: EncodeSettings | None = None,
 ) -> tuple[str, ...]:
     """Write a copy of a file of the same format in which a sequence's motion replaces the original one.
 
@@ -98,6 +102,8 @@ def write_onto(
         The original's positions and normals hold nothing, as in a scene that a `.pdeanim` file carried.
     rigid : float, optional
         glTF, if `is_filled`: see :func:`pdecodec.formats.write_sequence`.
+    motion : EncodeSettings, optional
+        glTF: see :func:`pdecodec.formats.write_sequence`.
 
     Returns
     -------
@@ -123,7 +129,7 @@ def write_onto(
         raise SettingsError(message, code="setting-unsupported", path=where, setting="onto")
     if layer and entry.name != "usd":
         raise misplaced("layer", "USD", where)
-    asked: dict[str, Any] = {"meshopt": meshopt, "straight": straight}
+    asked: dict[str, Any] = {"meshopt": meshopt, "straight": straight, "motion": motion}
     for name in (name for name, value in asked.items() if value and name not in entry.write_options):
         raise misplaced(name, "glTF", where)
     reading: dict[str, Any] = {"clip": clip, "displacement": displacement, "solids": solids}

@@ -318,13 +318,13 @@ def write_sequence(
         raise misplaced(name, _users(name), where)
     unwritten: tuple[str, ...] = ()
     is_carried = scene == "keep" and carries_scene_of(sequence, entry)
-    moving = next((name for name in ("web", "quantize", "rigid", "motion") if asked[name]), None)
+    moving = next((name for name in ("web", "quantize", "rigid") if asked[name]), None)
     if is_carried and moving is not None:
         unwritten = (f"the scene of the file is left out: {moving} would move its nodes",)
     elif is_carried:
         write_scene: Callable[..., tuple[str, ...] | InputError] = load(entry, WRITE_SCENE, "written", where)
         options = {"fps": fps, "velocities": velocities, "progress": progress}
-        options |= {name: asked[name] for name in ("meshopt", "straight", "rigid")}
+        options |= {name: asked[name] for name in ("meshopt", "straight", "rigid", "motion")}
         with _scene_errors():
             found = write_scene(
                 sequence, sequence.carried, entry, where, overwrite=overwrite, isolate=isolate, **options

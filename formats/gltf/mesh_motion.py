@@ -62,10 +62,16 @@ class CodedRows:
     ranks: Int64Array
     primitives: list[dict[str, Any]] = field(default_factory=list)
 
+    def row_map(self, builder: GltfBuilder, sources: Int64Array) -> dict[str, int]:
+        """Add the map of rows, which are copies of vertices `sources`, unless each row has its own number."""
+        numbers = self.numbers[sources]
+        is_plain = np.array_equal(numbers, np.arange(numbers.size))
+        return {} if is_plain else {"vertexMap": builder.integers(numbers)}
+
     def add_to(self, primitive: dict[str, Any], row_map: dict[str, int]) -> None:
         """Give a primitive the extension; `row_map` has its member ``vertexMap``, if there is one."""
         first = {"firstVertex": self.first} if self.first else {}
-        primitive["extensions"] = {MESH_MOTION: {"motion": 0, **first, **row_map}}
+        primitive.setdefault("extensions", {})[MESH_MOTION] = {"motion": 0, **first, **row_map}
         self.primitives.append(primitive)
 
 
@@ -145,8 +151,11 @@ class MotionWriter:
         self._rows.append(CodedRows(first, number[welded], ranks))
         return self._rows[-1]
 
-    def write(self, animation: int | None, rate: float) -> list[str]:
-        """Write the motion, as a part of an animation or as one of its own; return notices."""
+    def write(self, animation: int | None, rate: float, *, name: str = "motion", start: float = 0.0) -> list[str]:
+        """Write the motion, as a part of an animation or as one of its own with a name; return notices.
+
+        `start` is the time of its first frame in the glTF animation [s].
+        """
         if not self._objects:
             return []
         notices: list[str] = []
@@ -169,8 +178,12 @@ class MotionWriter:
             self._box(coded)
             duration = float(coded.times[-1] - coded.times[0])
         entry: dict[str, Any] = {"bufferView": self._builder.view(np.frombuffer(data, np.uint8)), "duration": duration}
-        entry |= {"frameRate": rate, **({"name": "motion"} if animation is None else {"animation": animation})}
-        self._builder.root.setdefault("extensions", {})[MESH_MOTION] = {"motions": [entry]}
+        entry |= {"frameRate": rate, **({"name": name} if animation is None else {"animation": animation})}
+        entry |= {"startTime": start} if start else {}
+        others = self._builder.root.setdefault("extensions", {}).setdefault(MESH_MOTION, {"motions": []})["motions"]
+        for primitive in (one for rows in self._rows for one in rows.primitives):
+            primitive["extensions"][MESH_MOTION]["motion"] = len(others)
+        others.append(entry)
         self._builder.use(MESH_MOTION, is_required=False)
         return notices
 

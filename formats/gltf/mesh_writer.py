@@ -168,7 +168,7 @@ class _MeshWriter:
         self._add_normals(attributes, morphs)
         _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
         common = {"targets": morphs} if morphs else {}
-        row_map = self._row_map()
+        row_map = {} if self._coded is None else self._coded.row_map(self._builder, self.sources)
         drawn: list[tuple[int, NDArray[Any]]] = []
         primitives: list[dict[str, Any]] = []
         for mode, indices, label, groups in parts:
@@ -225,14 +225,6 @@ class _MeshWriter:
             return parts
         self._reorder(order)
         return drawn
-
-    def _row_map(self) -> dict[str, int]:
-        """Add the map from rows to vertices of the motion, unless each row has its own number."""
-        if self._coded is None:
-            return {}
-        numbers = self._coded.numbers[self.sources]
-        is_plain = np.array_equal(numbers, np.arange(numbers.size))
-        return {} if is_plain else {"vertexMap": self._builder.integers(numbers)}
 
     def _attributes(self) -> dict[str, int]:
         """Add accessors of positions, texture coordinates and colours; return them by attribute name."""

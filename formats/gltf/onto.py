@@ -29,13 +29,15 @@ from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import TRIANGLES
 from pdecodec.formats.gltf.functions import Blocks
 from pdecodec.formats.gltf.materials import image_from
+from pdecodec.formats.gltf.mesh_motion import CodedRows, is_stored
 from pdecodec.formats.gltf.mesh_reader import GltfMesh
 from pdecodec.formats.gltf.motion import Motion, motion_of
 from pdecodec.formats.gltf.primitives import PrimitiveRows, normals_shared_by
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import rigid_keys
 from pdecodec.formats.gltf.rigid_objects import place_of
-from pdecodec.formats.gltf.types import INSTANCING, POINTER, VISIBILITY
+from pdecodec.formats.gltf.stored_motion import drop_motions
+from pdecodec.formats.gltf.types import INSTANCING, MESH_MOTION, POINTER, VISIBILITY
 from pdecodec.formats.gltf.writer import GltfScene, check_size
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
@@ -54,7 +56,7 @@ def write_gltf_onto(
     sequence: MeshSequence, original: GltfSequence, fits: Sequence[Fitted], source: Path, output: Output
 ) -> tuple[str, ...]:
     """Write the original's scene with the motion of a sequence; return notices."""
-    check_size(sequence.frame_count, sequence.objects)
+    check_size(1 if is_stored(sequence, output.motion) else sequence.frame_count, sequence.objects)
     with output.whole_file() as path, closing(GltfBuilder(meshopt=output.meshopt, folder=path.parent)) as builder:
         builder.begin_with(original.file)
         _relink_images(builder.root, source.parent, output.path.parent)
@@ -104,6 +106,7 @@ class _Onto(GltfScene):
             self._remove_weight_animations(node)
         # If no other node uses a mesh, the new mesh takes its index.
         users = [(entry["mesh"], index) for index, entry in enumerate(root["nodes"]) if "mesh" in entry]
+        drop_motions(root, {mesh for mesh, index in users if index in moved})
         self._free = {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in moved}
         self._dropped: dict[str, None] = {}
 
@@ -139,10 +142,17 @@ class _Onto(GltfScene):
             first = placed.matrices[:1] if part.instance is None else part.instance @ placed.matrices[:1]
             is_mirrored = part.skin is None and mirrors(first)
             parts = rigid.get(number)
+            coded = None
+            if self._coded is not None and item.vertex_count and (self._is_stored or not is_mirrored):
+                coded = self._coded.add(item, points)
+            if is_mirrored:
+                coded = None  # its node would mirror the motion, too
             if parts is not None and len(parts.movers) > 1 and is_mirrored:
                 parts = None  # no scale of its node would turn the faces of a skin
             turns, joints = None, None
-            if parts is None:
+            if coded is not None:
+                parts, points, thirds = None, points[:1], None
+            elif parts is None:
                 turns = rigid_keys(points, _blocks(thirds)) if item.connectivity.face_count else None
             else:
                 points, thirds = parts.rest[None], None
@@ -150,7 +160,7 @@ class _Onto(GltfScene):
                 joints = parts.joints if len(keys) > 1 else None
                 turns = keys[0] if len(keys) == 1 and keys[0].keys else None
             entry, place = nodes[part.node], {}
-            stays = joints is None and turns is None and part.instance is None and placed.is_constant
+            stays = coded is None and joints is None and turns is None and part.instance is None and placed.is_constant
             if stays and np.linalg.cond(placed.matrices[0, :3, :3]) < _FLATTENING_CONDITION:
                 points, thirds = placed.points(points, 0), None if thirds is None else placed.points(thirds, 0)
             else:
@@ -168,7 +178,7 @@ class _Onto(GltfScene):
                 del entry["extensions"]
             if part.hidden and not stays:
                 kept["extensions"] = {VISIBILITY: {"visible": False}}
-            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], item, points, thirds, joints)
+            mesh, motion = self._write_mesh(part.mesh, meshes[one.index], item, points, thirds, joints, coded)
             if stays:
                 node = part.node
                 entry["mesh"] = mesh
@@ -179,11 +189,15 @@ class _Onto(GltfScene):
                 else:
                     node = self._node(item.name, {"mesh": mesh, **kept, **place})
             self._animate(node, motion, turns)
+        # Animations that no longer move anything are dropped.
+        chosen = self._animations[self._original.clip_number]
         self._animations[:] = [one for one in self._animations if one["channels"]]
+        motion_notices = self._write_motion(chosen)
         if not self._animations:
             del builder.root["animations"]
         self._settle_extensions()
-        notices = [*self._motion_notices(), *self._rigid_notices(rigid)]
+        self._drop_bounds_of_unused()
+        notices = [*motion_notices, *self._motion_notices(), *self._rigid_notices(rigid)]
         if self._start < self._original.start:
             notices.append(f"its animations start at 0 s, in place of {self._start:g} s, where the motion starts")
         if self._dropped:
@@ -193,6 +207,14 @@ class _Onto(GltfScene):
                 f"moved to the root of the scene, under still nodes of the same names: {listed(list(moved))}"
             )
         return notices
+
+    def _write_motion(self, chosen: dict[str, Any]) -> list[str]:
+        """Write the motion as a part of the animation that it replaces, if anything is left of that."""
+        if self._coded is None:
+            return []
+        start = float(self._sequence.times[0]) - self._start
+        number = next((number for number, one in enumerate(self._animations) if one is chosen), None)
+        return self._coded.write(number, self._output.rate, name=str(chosen.get("name", "motion")), start=start)
 
     def _settle_extensions(self) -> None:
         """Undeclare geometry extensions that are no longer used."""
@@ -208,6 +230,18 @@ class _Onto(GltfScene):
                 if not root[kind]:
                     del root[kind]
 
+    def _drop_bounds_of_unused(self) -> None:
+        """Drop bounds of accessors that nothing refers to: the values of those that were replaced may be gone."""
+        root = self._builder.root
+        primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
+        holders = [holder for one in primitives for holder in (one["attributes"], *one.get("targets", ()))]
+        used = {index for one in holders for index in one.values()}
+        used |= {one["input"] for animation in root.get("animations", ()) for one in animation["samplers"]}
+        for index, entry in enumerate(root.get("accessors", ())):
+            if index not in used:
+                entry.pop("min", None)
+                entry.pop("max", None)
+
     def _write_mesh(
         self,
         mesh: GltfMesh,
@@ -216,9 +250,14 @@ class _Onto(GltfScene):
         points: Float32Array,
         thirds: Float32Array | None,
         joints: Int64Array | None,
+        coded: CodedRows | None,
     ) -> tuple[int, Motion]:
         """Write a copy of a mesh with other positions; return its index and its motion."""
         entry = copy.deepcopy(self._original.file.listed("meshes")[number])
+        for one in entry["primitives"]:
+            one.get("extensions", {}).pop(MESH_MOTION, None)
+            if not one.get("extensions", True):
+                del one["extensions"]
         stored = [PrimitiveRows(self._original.file, one) for one in entry["primitives"]]
         sources = np.arange(sum(len(block.positions) for block in mesh.blocks))
         sources[mesh.corner_rows] = mesh.connectivity.face_indices
@@ -227,6 +266,7 @@ class _Onto(GltfScene):
             points[:, sources], between, _rows_of(mesh, stored, self._shared_normals(mesh, stored, item))
         )
         whole: dict[int, tuple[dict[str, int], list[dict[str, int]]]] = {}
+        row_maps: dict[int, dict[str, int]] = {}
         for primitive, old, start in zip(entry["primitives"], stored, mesh.starts, strict=True):
             count = len(mesh.blocks[sorted(set(mesh.starts)).index(start)].positions)
             if start not in whole:
@@ -234,7 +274,10 @@ class _Onto(GltfScene):
                 whole[start] = self._write_rows(motion, own)
                 if joints is not None:
                     whole[start][0].update(self._builder.influences(joints[sources[own]]))
+                row_maps[start] = {} if coded is None else coded.row_map(self._builder, sources[own])
             geometry, targets = whole[start]
+            if coded is not None:
+                coded.add_to(primitive, row_maps[start])
             if DRACO in primitive.get("extensions", {}):
                 self._unpack(primitive, old, count)
             names = primitive["attributes"]

@@ -26,6 +26,7 @@ from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
 from pdecodec.formats.gltf.file import COMPONENTS, TRIANGLES, WIDTHS, GltfFile, flipped, json_bytes
 from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.formats.gltf.stored_motion import drop_motions
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 
@@ -57,7 +58,9 @@ class GltfFamily:
         cuts = [*{cut["accessor"]: cut for cut in reversed(cuts)}.values()][::-1]
         _difference(buffers, root, cuts, objects)
         nodes = {original.shapes[one.index].node for one in fits}
-        for index, zeros in _replaced_bytes(file, buffers, nodes, {cut["accessor"] for cut in cuts}).items():
+        views = drop_motions(root, _moved_meshes(file, nodes))
+        kept = {cut["accessor"] for cut in cuts}
+        for index, zeros in _replaced_bytes(file, root, views, buffers, nodes, kept).items():
             buffers[index][zeros] = 0
         files: dict[str, bytes] = {}
         for index, data in buffers.items():
@@ -211,13 +214,22 @@ def _filled(
     return [*whole.items()]
 
 
-def _replaced_bytes(
-    file: GltfFile, buffers: Mapping[int, ByteArray], nodes: set[int], kept: set[int]
-) -> dict[int, NDArray[np.bool_]]:
-    """Return which bytes of each buffer only the motion of moved nodes uses."""
-    root = file.root
+def _moved_meshes(file: GltfFile, nodes: set[int]) -> set[int]:
+    """Return the meshes that only moved nodes use."""
     users = [(entry["mesh"], index) for index, entry in enumerate(file.listed("nodes")) if "mesh" in entry]
-    moved = {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in nodes}
+    return {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in nodes}
+
+
+def _replaced_bytes(
+    file: GltfFile,
+    root: Mapping[str, Any],
+    views: Sequence[int],
+    buffers: Mapping[int, ByteArray],
+    nodes: set[int],
+    kept: set[int],
+) -> dict[int, NDArray[np.bool_]]:
+    """Return which bytes of each buffer only the motion of moved nodes uses; `views` hold dropped motions."""
+    moved = _moved_meshes(file, nodes)
     slots, others = set[int](), set(kept)
     for number, mesh in enumerate(file.listed("meshes")):
         for primitive in mesh["primitives"]:
@@ -227,6 +239,9 @@ def _replaced_bytes(
             others.add(primitive.get("indices", -1))
     others |= set(range(len(file.listed("accessors")))) - slots
     zeros = {index: np.zeros(len(data), bool) for index, data in buffers.items()}
+    for one in (file.root["bufferViews"][view] for view in views):
+        first = int(one.get("byteOffset", 0))
+        zeros[one["buffer"]][first : first + int(one["byteLength"])] = True
     # What is kept wins over what is replaced, byte by byte.
     for accessors, is_replaced in ((slots - others, True), (others - {-1}, False)):
         for index in accessors:

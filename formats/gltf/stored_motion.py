@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -139,3 +139,26 @@ class StoredMotions:
         except CorruptFileError as error:
             told = {"message": f"motion {index}: {error.message}", "path": self._path}
             raise type(error)(**error.fields() | told) from error
+
+
+def drop_motions(root: dict[str, Any], meshes: Collection[int]) -> list[int]:
+    """Drop motions from the JSON of a file if only these meshes use them; return their buffer views."""
+    using = {
+        index
+        for index, mesh in enumerate(root.get("meshes", ()))
+        if any(MESH_MOTION in one.get("extensions", {}) for one in mesh["primitives"])
+    }
+    if MESH_MOTION not in root.get("extensions", {}) or not using <= set(meshes):
+        return []
+    dropped = root["extensions"].pop(MESH_MOTION)
+    holders = [root, *(one for index in using for one in root["meshes"][index]["primitives"])]
+    for one in holders:
+        one.get("extensions", {}).pop(MESH_MOTION, None)
+        if not one.get("extensions", True):
+            del one["extensions"]
+    for kind in ("extensionsUsed", "extensionsRequired"):
+        if MESH_MOTION in root.get(kind, ()):
+            root[kind] = [name for name in root[kind] if name != MESH_MOTION]
+            if not root[kind]:
+                del root[kind]
+    return [one["bufferView"] for one in dropped.get("motions", ())]

@@ -164,3 +164,27 @@ def test_each_changed_byte_of_a_motion_gives_an_error_of_ours_or_positions(tmp_p
 def test_limits_of_decoding_hold_inside_a_glb() -> None:
     with usual_limits(DecodeLimits(max_memory=1000)), pytest.raises(LimitError, match=r"example\.glb.*motion 0"):
         open_sequence(PATH).read_frames(0, 1)
+
+
+@pytest.mark.parametrize("motion", [EncodeSettings(), SETTINGS, None], ids=["stored", "encoded", "targets"])
+def test_a_scene_that_a_file_carries_keeps_its_materials_and_gets_the_motion(
+    motion: EncodeSettings | None, tmp_path: Path
+) -> None:
+    source, path = tmp_path / "a.pdeanim", tmp_path / "b.glb"
+    material = {"pbrMetallicRoughness": {"roughnessFactor": 0.25}, "emissiveFactor": [0.5, 0, 0]}
+    original = changed(tmp_path / "a.glb", lambda root: root["materials"][0].update(material))
+    with open_sequence(original) as opened:
+        encode(opened, source, SETTINGS)
+        expected = opened.read_frames(0, 36).astype(np.float64)
+    # The motion of the original is coded again, and not carried along.
+    with open_animation(source) as coded:
+        assert coded.sections["SCEN"] < 1500
+        write_sequence(coded, path, motion=motion)
+    root, _ = split(path)
+    assert root["materials"][0]["emissiveFactor"] == [0.5, 0, 0]
+    assert (NAME in root.get("extensionsUsed", ())) == (motion is not None)
+    with open_sequence(path) as found:
+        positions = found.read_frames(0, 36).astype(np.float64)
+        scale = frame_scale(expected[0])
+        assert np.abs(positions - expected).max() <= 2.001e-3 * scale
+        assert [one.name for one in found.objects] == ["flag", "ball"]
