@@ -39,7 +39,7 @@ from pdecodec.formats.gltf.mesh_reader import GltfMesh, Morphed, default_weights
 from pdecodec.formats.gltf.primitives import Block
 from pdecodec.formats.gltf.stored_motion import StoredMotion, StoredMotions
 from pdecodec.formats.gltf.types import INSTANCING, REAL_LIMIT, VISIBILITY
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
+from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.times import check_times
@@ -205,7 +205,11 @@ def _skin_points(
 def _timing(clip: Clip | None, fps: float | None, motions: Sequence[StoredMotion]) -> Timing:
     if clip is None and motions:
         return _timing_of_motion(motions[0], fps)
-    keys = [] if clip is None else [*clip.key_times, *(one.times for one in motions)]
+    keys = [] if clip is None else clip.key_times
+    if motions:
+        # Keys are rounded to float32, times of motions are not.
+        exact = merged_times([one.times for one in motions])
+        keys = [exact, *(one[apart] for one in keys if (apart := _are_apart(one, exact)).any())]
     rate, notices = rate_or_default(rate_of_keys(merged_times(keys)) if keys and fps is None else None, fps)
     if clip is None or not keys:
         return np.zeros(1), rate, ()
@@ -219,6 +223,14 @@ def _timing(clip: Clip | None, fps: float | None, motions: Sequence[StoredMotion
     first, last = min(float(one[0]) for one in keys), max(float(one[-1]) for one in keys)
     times = frames_at_rate(first, last, rate, max(SAME_TIME, FLOAT32_ROUNDING * last))
     return times, rate, (*notices, *resampled(merged_times(keys), rate)[1])
+
+
+def _are_apart(keys: Float64Array, times: Float64Array) -> BoolArray:
+    """Return which keys are no times of a list, (keys,), up to rounding to float32."""
+    after = np.clip(np.searchsorted(times, keys), 1, max(1, times.size - 1))
+    nearest = np.minimum(np.abs(times[after - 1] - keys), np.abs(times[np.minimum(after, times.size - 1)] - keys))
+    found: BoolArray = nearest > SAME_TIME + FLOAT32_ROUNDING * np.abs(keys)
+    return found
 
 
 def _timing_of_motion(motion: StoredMotion, fps: float | None) -> Timing:

@@ -166,6 +166,15 @@ def test_limits_of_decoding_hold_inside_a_glb() -> None:
         open_sequence(PATH).read_frames(0, 1)
 
 
+def test_times_of_nodes_and_of_the_motion_are_the_same_frames(tmp_path: Path) -> None:
+    clip, path = example(), tmp_path / "a.glb"
+    clip.times = 7 + np.cumsum(1.4 + np.sin(np.arange(36)))
+    write_sequence(clip, path, motion=SETTINGS)
+    with open_sequence(path) as found:
+        np.testing.assert_allclose(found.times, clip.times, rtol=0, atol=1e-9)
+        assert largest_distance(found, clip) <= 1e-3 * frame_scale(clip.read_frames(0, 1)[0])
+
+
 @pytest.mark.parametrize("motion", [EncodeSettings(), SETTINGS, None], ids=["stored", "encoded", "targets"])
 def test_a_scene_that_a_file_carries_keeps_its_materials_and_gets_the_motion(
     motion: EncodeSettings | None, tmp_path: Path
