@@ -271,8 +271,8 @@ def motion_options(command: Callable[..., None]) -> Callable[..., None]:
             "--motion",
             is_flag=True,
             help="glTF: store a .pdeanim file that moves the meshes (extension PDECODEC_mesh_motion) instead of morph "
-            "targets. Viewers without the extension show the first frame. A .pdeanim IN is not encoded again, unless "
-            "an error is given.",
+            "targets. Viewers without the extension show the first frame. A whole .pdeanim IN is not encoded again, "
+            "unless an error is given.",
         ),
         click.option(
             "--tolerance",

@@ -167,9 +167,10 @@ class GltfSequence(SceneSequence):
     def _moved(self, block: Block, times: Float64Array) -> Float32Array:
         """Return positions (times, vertices, 3) of a block that a motion moves; one that does not play rests."""
         assert block.motion is not None
+        assert block.numbers is not None
         if block.motion not in self._playing:
             times = np.broadcast_to(self.motions.of(block.motion).times[:1], times.shape)
-        return self.motions.positions(block.motion, times)[:, block.numbers]
+        return self.motions.positions(block.motion, times, block.numbers)
 
 
 def _evaluate_block(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:
@@ -326,6 +327,8 @@ def _parts_of(file: GltfFile, nodes: Nodes, times: Float64Array, motions: Stored
                 mesh=mesh,
                 skin=_read_skin(file, node["skin"], nodes) if "skin" in node else None,
             )
+            if part.skin is not None and any(block.motion is not None for block in mesh.blocks):
+                raise damaged(f"node {number} has a skin, and its mesh a motion; export the file again")
             instances = node.get("extensions", {}).get(INSTANCING)
             if instances is not None and part.skin is not None:
                 # A skinned mesh is placed by its joints, and only once.

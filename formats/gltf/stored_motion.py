@@ -21,6 +21,9 @@ from pdecodec.formats.gltf.file import GltfFile
 from pdecodec.formats.gltf.types import MESH_MOTION
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 
+EVALUATED_BYTES = 2**26
+"""Bytes of positions of a motion that are evaluated at once: a primitive may need few vertices of a large one."""
+
 DURATION_SLACK = 1e-6
 """Largest difference between the stated duration and that of the file [s]."""
 
@@ -45,20 +48,25 @@ class StoredMotion:
         self.times: Float64Array = coded.times - self.offset
         self._read: tuple[bytes, Float32Array] | None = None
 
-    def positions(self, times: Float64Array) -> Float32Array:
-        """Return positions (times, vertices, 3) at times of the glTF animation."""
+    def positions(self, times: Float64Array, numbers: Int64Array) -> Float32Array:
+        """Return positions (times, n, 3) of some vertices (n,) at times of the glTF animation."""
+        # A time that differs from that of a frame only by rounding is the frame's.
+        after = np.clip(np.searchsorted(self.times, times), 0, self.times.size - 1)
+        before = np.maximum(after - 1, 0)
+        is_nearer = np.abs(self.times[before] - times) < np.abs(self.times[after] - times)
+        nearest = np.where(is_nearer, before, after)
+        is_frame = np.abs(self.times[nearest] - times) <= FLOAT32_ROUNDING * np.abs(times) + SAME_TIME
+        exact = np.where(is_frame, self.coded.times[nearest], times + self.offset)
+        step = max(1, EVALUATED_BYTES // (12 * self.coded.vertex_count))
+        found = np.empty((times.size, numbers.size, 3), np.float32)
+        for start in range(0, times.size, step):
+            found[start : start + step] = self._every_vertex(exact[start : start + step])[:, numbers]
+        return found
+
+    def _every_vertex(self, times: Float64Array) -> Float32Array:
+        """Return all positions at times of the `.pdeanim` file; the meshes of a scene ask for the same ones in turn."""
         if self._read is None or self._read[0] != times.tobytes():
-            # A time that differs from that of a frame only by rounding is the frame's.
-            after = np.clip(np.searchsorted(self.times, times), 0, self.times.size - 1)
-            before = np.maximum(after - 1, 0)
-            is_nearer = np.abs(self.times[before] - times) < np.abs(self.times[after] - times)
-            nearest = np.where(is_nearer, before, after)
-            slack = FLOAT32_ROUNDING * np.abs(times) + SAME_TIME
-            is_frame = np.abs(self.times[nearest] - times) <= slack
-            self._read = (
-                times.tobytes(),
-                self.coded.positions(np.where(is_frame, self.coded.times[nearest], times + self.offset)),
-            )
+            self._read = times.tobytes(), self.coded.positions(times)
         return self._read[1]
 
 
@@ -126,10 +134,10 @@ class StoredMotions:
         found: Int64Array = first + numbers
         return found
 
-    def positions(self, index: int, times: Float64Array) -> Float32Array:
-        """Return positions (times, vertices, 3) of a motion."""
+    def positions(self, index: int, times: Float64Array, numbers: Int64Array) -> Float32Array:
+        """Return positions (times, n, 3) of vertices (n,) of a motion."""
         with self._naming(index):
-            return self.of(index).positions(times)
+            return self.of(index).positions(times, numbers)
 
     @contextmanager
     def _naming(self, index: int) -> Iterator[None]:

@@ -161,8 +161,8 @@ class GltfScene:
             self._coded = MotionWriter(builder, self._source, output.motion, output.progress)
             self._delivery = Delivery(self._coded.step if output.quantize else None)
         self._bound = output.rigid
-        if self._is_stored:
-            self._bound = 0.0
+        if self._coded is not None:
+            self._bound = 0.0  # a bound of its own, which the rigid parts of a decoded file may miss
         elif self._bound is None and isinstance(sequence, Animation):
             self._bound = bound_of(sequence)
         self._start = float(sequence.times[0])

@@ -141,6 +141,7 @@ def _motion(root: dict[str, Any]) -> dict[str, Any]:
             "morph targets and a motion",
         ),
         (lambda root: root["extensions"].clear(), "motion 0 is missing"),
+        (lambda root: root.update(skins=[{"joints": [1]}]) or root["nodes"][0].update(skin=0), "node 0 has a skin"),
     ],
 )
 def test_a_damaged_file_is_refused_in_one_line(change: Change, words: str, tmp_path: Path) -> None:
