@@ -42,7 +42,7 @@ long: $(READY)
 # Plug-ins in the programs that they are for, as far as those are installed for PLUGINS_PYTHON or in the path.
 PLUGINS_PYTHON ?= $(BIN)/python
 test-plugins: $(INSTALLED)
-	$(PLUGINS_PYTHON) -m pytest -n 0 tests/plugins
+	PXR_PLUGINPATH_NAME=$(CURDIR)/build/usd $(PLUGINS_PYTHON) -m pytest -n 0 tests/plugins
 
 # The decoder under the sanitizers: misuse of the C interface, all vectors and MUTANTS damaged ones; with the system's
 # compiler alone.
@@ -98,7 +98,7 @@ browser:
 lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/clang-format --dry-run -Werror $(filter-out core/CMakeLists.txt,$(CORE)) examples/c/*.c core/tests/*.c
+	$(BIN)/clang-format --dry-run -Werror $(filter-out core/CMakeLists.txt,$(CORE)) examples/c/*.c core/tests/*.c plugins/usd/src/*
 
 # mypy needs the folders nested in one package, as they are installed: links stand in for copies.
 types: $(READY)
@@ -168,6 +168,12 @@ blender-extension: $(READY)
 	$(BIN)/python -m build --wheel --no-isolation --outdir build/blender
 	$(BIN)/python -m pip download --quiet --no-deps --only-binary :all: --python-version 3.11 --dest build/blender 'nanobind-backend<2'
 	$(BIN)/python plugins/blender/build.py dist build/blender/*.whl
+
+# The file format plug-in for the usd-core of PLUGINS_PYTHON; plugins/usd/README.md says what it needs.
+.PHONY: usd-plugin
+usd-plugin:
+	cmake -S plugins/usd -B build/usd -DPython_EXECUTABLE=$(abspath $(PLUGINS_PYTHON))
+	cmake --build build/usd --target pdeanim_usd
 
 vectors: $(INSTALLED)
 	$(BIN)/python -m spec.make_vectors

@@ -1,0 +1,219 @@
+#include "evaluator.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pdeanim_usd {
+
+namespace {
+
+// Part of a frame by which the last time may overshoot: sums of rounded steps do not meet it exactly.
+constexpr double time_slack = 1e-9;
+
+// Relative difference within which a time code is a whole number, or that of a sample.
+constexpr double same_code = 1e-9;
+
+constexpr double max_samples = 1 << 24;
+
+bool are_same(double code, double other) {
+    return std::abs(code - other) <= same_code * std::max(1.0, std::abs(other));
+}
+
+double code_of(double time, double rate) {
+    const double code = time * rate, whole = std::nearbyint(code);
+    return are_same(code, whole) ? whole : code;
+}
+
+pdeanim_quantity library_quantity(Quantity quantity) {
+    return quantity == Quantity::velocities      ? PDEANIM_VELOCITIES
+           : quantity == Quantity::accelerations ? PDEANIM_ACCELERATIONS
+                                                 : PDEANIM_POSITIONS;
+}
+
+VtVec3fArray extent_of(const VtVec3fArray &points) {
+    if (points.empty()) return points;
+    GfVec3f low = points.cfront(), high = low;
+    for (const GfVec3f &point : points.AsConst()) {
+        for (int axis = 0; axis < 3; ++axis) {
+            low[axis] = std::min(low[axis], point[axis]);
+            high[axis] = std::max(high[axis], point[axis]);
+        }
+    }
+    return {low, high};
+}
+
+// Return rows of three float64, velocities of a field, in the type that USD has for them.
+VtVec3fArray as_vec3f(const std::vector<char> &rows) {
+    const GfVec3d *first = reinterpret_cast<const GfVec3d *>(rows.data());
+    VtVec3fArray found;
+    for (const GfVec3d *row = first; row < first + rows.size() / sizeof(GfVec3d); ++row) found.push_back(GfVec3f(*row));
+    return found;
+}
+
+// Interpolate rows of a time [s] and a matrix, number by number.
+GfMatrix4d matrix_at(const std::vector<double> &rows, double time) {
+    constexpr std::size_t columns = 17;
+    const std::size_t count = rows.size() / columns;
+    std::size_t after = 0;
+    while (after < count && rows[after * columns] <= time) ++after;
+    const double *high = rows.data() + std::min(after, count - 1) * columns;
+    const double *low = rows.data() + (after ? after - 1 : 0) * columns;
+    const double share = high == low ? 0 : (time - low[0]) / (high[0] - low[0]);
+    GfMatrix4d found;
+    for (int i = 0; i < 16; ++i) found[i / 4][i % 4] = low[1 + i] + share * (high[1 + i] - low[1 + i]);
+    return found;
+}
+
+}  // namespace
+
+Evaluator::Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t max_kept)
+    : clip_(std::move(clip)), metadata_(clip_->metadata()), max_kept_(max_kept) {
+    const std::vector<double> &times = clip_->times();
+    std::vector<double> sampled = times;
+    if (fps > 0) {
+        const double intervals = (times.back() - times.front()) * fps + time_slack;
+        if (intervals >= max_samples) throw Failure("the argument 'fps' asks for too many samples; take a lower rate");
+        sampled.resize(static_cast<std::size_t>(intervals) + 1);
+        for (std::size_t i = 0; i < sampled.size(); ++i) sampled[i] = times.front() + static_cast<double>(i) / fps;
+    }
+    fps_ = fps > 0 ? fps : clip_->frame_rate();
+    rate_ = fps_;
+    if (const auto found = metadata_.find("time_codes_per_second"); found != metadata_.end()) {
+        const double rate = std::strtod(found->second.c_str(), nullptr);
+        if (rate > 0 && std::isfinite(rate)) rate_ = rate;
+    }
+    for (const double time : sampled) samples_.push_back({time, code_of(time, rate_), clip_->run_at(time)});
+    std::map<ShapeKey, int> numbers;
+    for (int index = 0; index < clip_->run_count(); ++index) {
+        const std::shared_ptr<const Run> run = clip_->run(index);
+        for (int object = 0; object < static_cast<int>(run->shapes().size()); ++object) {
+            const Shape &shape = run->shapes()[object];
+            if (changes() && !shape.vertex_count) continue;
+            const auto [found, is_new] = numbers.try_emplace(shape.key, static_cast<int>(keys_.size()));
+            if (is_new) {
+                keys_.push_back(shape.key);
+                objects_.emplace_back(clip_->run_count(), -1);
+            }
+            objects_[found->second][index] = object;
+        }
+    }
+}
+
+const Shape *Evaluator::shape(const Run &run, int run_index, int shape) const {
+    const int object = objects_[shape][run_index];
+    return object < 0 ? nullptr : &run.shapes()[object];
+}
+
+const Field *Evaluator::field(const Run &run, int run_index, int shape, const std::string &name) const {
+    const int object = objects_[shape][run_index];
+    if (object < 0) return nullptr;
+    for (const Field &one : run.fields()) {
+        if (one.name == name && one.is_of_object[object]) return &one;
+    }
+    return nullptr;
+}
+
+double Evaluator::time_of(double code) const {
+    const auto after = std::lower_bound(samples_.begin(), samples_.end(), code,
+                                        [](const Sample &one, double wanted) { return one.code < wanted; });
+    if (after != samples_.end() && are_same(code, after->code)) return after->time;
+    if (after != samples_.begin() && are_same(code, std::prev(after)->code)) return std::prev(after)->time;
+    return code / rate_;
+}
+
+VtValue Evaluator::value(const Series &series, double code) const {
+    const double time = time_of(code);
+    const int index = changes() ? clip_->run_at(time) : 0;
+    const std::shared_ptr<const Run> run = clip_->run(index);
+    const Shape *shape = this->shape(*run, index, series.shape);
+    if (!shape) return series.empty;
+    const int object = objects_[series.shape][index];
+    switch (series.quantity) {
+        case Quantity::transform: return VtValue(matrix_at(shape->transform, time));
+        case Quantity::constant:
+            for (const Property &one : shape->properties) {
+                if (one.name == series.name) return one.value;
+            }
+            for (const FaceSet &one : shape->face_sets) {
+                if (one.role + ":" + one.label == series.name) return VtValue(one.members);
+            }
+            return series.empty;
+        case Quantity::field: {
+            const Field *field = this->field(*run, index, series.shape, series.name);
+            if (!field) return series.empty;
+            const std::size_t row_bytes = field->columns * field->type.bytes;
+            const auto rows = field_rows(*run, index, *field, time);
+            std::vector<char> own(rows->begin() + field->first_rows[object] * row_bytes,
+                                  rows->begin() + field->first_rows[object + 1] * row_bytes);
+            if (!shape->gather.empty() && field->interpolation == "vertex") {
+                std::vector<char> gathered;
+                for (const int vertex : shape->gather) {
+                    gathered.insert(gathered.end(), own.begin() + vertex * row_bytes,
+                                    own.begin() + (vertex + 1) * row_bytes);
+                }
+                own = std::move(gathered);
+            }
+            if (field->type.bytes == 8 && series.empty.IsHolding<VtVec3fArray>()) return VtValue(as_vec3f(own));
+            return field_value(*field, own);
+        }
+        case Quantity::normals:
+            if (!shape->normals) return series.empty;
+            return VtValue(shape->normals->find(*vectors(Quantity::points, *run, index, object, time)));
+        case Quantity::extent: return VtValue(extent_of(*vectors(Quantity::points, *run, index, object, time)));
+        default: break;
+    }
+    const auto found = vectors(series.quantity, *run, index, object, time);
+    if (shape->gather.empty()) return VtValue(*found);
+    VtVec3fArray gathered;
+    gathered.reserve(shape->gather.size());
+    for (const int vertex : shape->gather) gathered.push_back((*found)[vertex]);
+    return VtValue(gathered);
+}
+
+template <class Made, class Make> std::shared_ptr<const Made> Evaluator::kept(const Key &key, const Make &make) const {
+    const auto has_key = [&](const Kept &one) { return one.key == key; };
+    {
+        const std::lock_guard guard(lock_);
+        if (const auto found = std::find_if(kept_.begin(), kept_.end(), has_key); found != kept_.end()) {
+            kept_.splice(kept_.begin(), kept_, found);
+            return std::static_pointer_cast<const Made>(found->data);
+        }
+    }
+    const auto made = std::make_shared<const Made>(make());
+    const std::size_t bytes = made->size() * sizeof(typename Made::value_type);
+    const std::lock_guard guard(lock_);
+    kept_.push_front({key, made, bytes});
+    kept_bytes_ += bytes;
+    while (kept_bytes_ > max_kept_ && kept_.size() > 1) {
+        kept_bytes_ -= kept_.back().bytes;
+        kept_.pop_back();
+    }
+    return made;
+}
+
+std::shared_ptr<const VtVec3fArray> Evaluator::vectors(Quantity quantity, const Run &run, int run_index, int object,
+                                                       double time) const {
+    return kept<VtVec3fArray>({quantity, run_index, object, time}, [&] {
+        VtVec3fArray found(run.shapes()[object].vertex_count);
+        pdeanim_error error;
+        if (!found.empty()) {
+            check(pdeanim_evaluate(run.handle(), library_quantity(quantity), &time, 1, object, found.data()->data(),
+                                   &error),
+                  error);
+        }
+        return found;
+    });
+}
+
+std::shared_ptr<const std::vector<char>> Evaluator::field_rows(const Run &run, int run_index, const Field &field,
+                                                               double time) const {
+    return kept<std::vector<char>>({Quantity::field, run_index, field.index, time}, [&] {
+        std::vector<char> found(field.rows * field.columns * field.type.bytes);
+        pdeanim_error error;
+        check(pdeanim_evaluate_field(run.handle(), field.index, &time, 1, 0, found.data(), found.size(), &error),
+              error);
+        return found;
+    });
+}
+
+}  // namespace pdeanim_usd
