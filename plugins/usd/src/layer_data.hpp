@@ -26,7 +26,7 @@ public:
 
     // Types are known without decoding; USD asks for that of every sample, to find blocked ones.
     const std::type_info &GetTypeid(const SdfPath &path, const TfToken &field) const override;
-    const std::type_info &QueryTimeSampleTypeid(const SdfPath &path, double time) const override;
+    const std::type_info &QueryTimeSampleTypeid(const SdfPath &path, double time) const;  // 25.8 has none to override
 
     std::set<double> ListAllTimeSamples() const override;
     std::set<double> ListTimeSamplesForPath(const SdfPath &path) const override;

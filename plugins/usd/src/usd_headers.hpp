@@ -35,6 +35,11 @@
 #include <pxr/vt/value.h>
 #endif
 
+// The packages of 25.8 call it otherwise.
+#ifndef PXR_NS
+#define PXR_NS SDF_NS
+#endif
+
 namespace pdeanim_usd {
 using namespace PXR_NS;
 }
