@@ -25,7 +25,7 @@ from pdecodec.codec.settings import (
 )
 from pdecodec.errors import InputError, SettingsError, damaged, unreadable
 from pdecodec.formats.base.choosing import InputOptions
-from pdecodec.formats.base.companions import check_there, frame_extensions, input_files
+from pdecodec.formats.base.companions import check_exists, frame_extensions, input_files
 from pdecodec.formats.base.frame_files import gather_frames, is_frame_pattern, sequence_name, sequences_in
 from pdecodec.formats.base.registry import known_extensions
 from pdecodec.system.arguments import shown
@@ -242,7 +242,7 @@ def _sources(given: str, root: str | None) -> list[tuple[str, str]]:
         sources = gather_frames(sorted(filter(_is_clip, _matches(given))), frame_extensions())
         root = root or _fixed_part(given)
     else:
-        check_there(given)
+        check_exists(given)
         sources = [given]
     return [(source, _below(source, str(path.parent) if root is None else root)) for source in sources]
 

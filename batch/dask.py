@@ -201,7 +201,7 @@ def _block(
 
 @lru_cache(OPEN_AT_ONCE)
 def _kept_open(place: str, version: str, limits: DecodeLimits | None) -> Animation:
-    """Return an open animation, which is closed when the cache has dropped it and no thread uses it."""
+    """Return an open animation. It is closed after the cache has dropped it and no thread uses it any more."""
     animation = open_animation(place, limits=limits)
     finalize(animation, animation._source.close)
     return animation

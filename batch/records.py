@@ -78,7 +78,7 @@ def digests_of(files: Sequence[Place]) -> list[list[str]]:
 
 
 def stamp_of(files: Sequence[Place]) -> list[list[Any]]:
-    """Return name, size, times and inode of each file, or what its remote storage reports.
+    """Return name, size, times and inode of each file, or for a remote file the data that its storage reports.
 
     Equal stamps mean that nothing was written in between, unless they contain None for an unknown value.
     """
@@ -129,7 +129,7 @@ def record_place(folder: str, output: str) -> Place:
 
 
 def read_record(folder: str, output: str) -> Record | None:
-    """Return the record of an output; None if there is none that can be read."""
+    """Return the record of an output; None if there is none, or it cannot be read."""
     place = record_place(folder, output)
     try:
         data = place.read_bytes() if isinstance(place, Path) else place.read() if place.exists() else b""

@@ -62,7 +62,7 @@ def totals_of(results: Sequence[Result]) -> Totals:
 
 
 def as_json(results: Sequence[Result]) -> dict[str, Any]:
-    """Return the totals, and every clip with all that is known about it."""
+    """Return the totals, and all known facts of every clip."""
     totals = totals_of(results)
     return {
         "totals": {**vars(totals), "ratio": totals.ratio},

@@ -140,7 +140,7 @@ def memory_of(clip: Clip, work: Work) -> Result | int:
 
 
 def make_clip(clip: Clip, work: Work) -> Result:
-    """Make a clip's file and its record, replacing what is there if that is allowed."""
+    """Make a clip's file and its record, and replace existing ones if that is allowed."""
     try:
         return _made(clip, work)
     except Exception as error:  # an error of one clip must not stop the others
@@ -170,7 +170,7 @@ def do_clip(clip: Clip, work: Work, budget: MemoryBudget | None = None) -> Resul
 
 
 def plan_clip(clip: Clip, work: Work) -> Result:
-    """Return what would be done with a clip; write nothing."""
+    """Return the result that a clip would have; write nothing."""
     try:
         kept = _kept(clip, replace(work, verify=False))
         if kept is not None:

@@ -196,7 +196,7 @@ def _make_folder(folder: str) -> None:
 
 
 def _planned(clips: Sequence[Clip], work: Work) -> list[Result]:
-    """Return what would be done with each clip, and print it as it is found."""
+    """Return the state that each clip would have, and print it as soon as it is known."""
     from pdecodec.batch.work import plan_clip
 
     results = []
@@ -236,7 +236,7 @@ def _done(
 
 @contextmanager
 def _logs_off() -> Iterator[None]:
-    """Keep Dask's log off standard error: its tracebacks repeat what one line says already."""
+    """Keep Dask's log off standard error: its tracebacks repeat errors that are reported in one line."""
     import logging
 
     logging.disable(logging.CRITICAL)

@@ -1,4 +1,4 @@
-"""`pdecodec coefficients`: write the 32 coefficients of Eq. 17 from a `.pdeanim` file, and all that they multiply."""
+"""`pdecodec coefficients`: write the 32 coefficients of Eq. 17 from a `.pdeanim` file, and their basis functions."""
 
 from __future__ import annotations
 

@@ -123,7 +123,7 @@ def _compare(first: MeshSequence, second: MeshSequence) -> dict[str, Any]:
 
 
 def _failures(result: dict[str, Any], tolerance: float | None, max_error: float | None) -> list[str]:
-    """Return what is wrong with B, one line each; empty if it passes."""
+    """Return the reasons why B does not pass, one per line; empty if it passes."""
     failures = [
         f"A has {result[counted][0]} {counted}, B has {result[counted][1]}"
         for counted in ("frames", "vertices")

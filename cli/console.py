@@ -89,7 +89,7 @@ _loudness = 0
 
 
 def set_loudness(level: int) -> None:
-    """Set how much is printed: -1 errors only, 0 results and notes, 1 also what is being done."""
+    """Set how much is printed: -1 errors only, 0 results and notes, 1 progress messages too."""
     global _loudness
     _loudness = level
 

@@ -136,7 +136,7 @@ def _decode(
     if salvage and (times.given or writing.velocities):
         what = times.given[0] if times.given else "--velocities"
         raise SettingsError(f"--salvage decodes frames at their own times; leave out {what}")
-    # --max-output limits what is decoded, not the whole file.
+    # --max-output limits the positions that are decoded, not the whole file.
     with _opened(source, decode_limits(max_memory, None), is_damaged=salvage) as (animation, saved):
         positions, speeds = _decoded(animation, times, place, job.source_name, with_speeds=writing.velocities)
         job = job.with_frames(positions, dry_run=dry_run)
@@ -277,7 +277,7 @@ class _Writing(_Part):
         return [output, _velocity_path(output)] if self.velocities and not _holds_velocities(output) else [output]
 
     def write(self, sequence: MeshSequence, path: str, *, bound: float | None, **options: Any) -> tuple[str, ...]:
-        """Write a sequence, its rigid parts (within `bound`) as nodes; return what was left out."""
+        """Write a sequence, its rigid parts (within `bound`) as nodes; return notices about losses."""
         if self.onto is not None:
             from pdecodec.formats import write_onto
 
@@ -307,7 +307,9 @@ class _Writing(_Part):
 def _decoded(
     animation: MeshSequence, times: _Times, place: InputOptions, name: str, *, with_speeds: bool
 ) -> tuple[MeshSequence, MeshSequence | None]:
-    """Return the positions to write, and the velocities if wanted. A salvaged sequence keeps the frames that it has."""
+    """Return the positions to write, and the velocities if requested. A salvaged sequence keeps its remaining
+    frames.
+    """
     from pdecodec.codec.decoder import Animation
     from pdecodec.codec.resampling import sampled
     from pdecodec.formats.base.choosing import choose
@@ -338,7 +340,7 @@ def _say_written(job: Job, result: Mapping[str, Any], size: str, writing: _Writi
 
 @contextmanager
 def _opened(source: str, limits: DecodeLimits, *, is_damaged: bool) -> Iterator[tuple[MeshSequence, Salvage | None]]:
-    """Yield the animation; of a damaged one the undamaged frames, and what is missing."""
+    """Yield the animation; for a damaged file its undamaged frames, and the list of missing parts."""
     if is_damaged:
         from pdecodec.codec.salvaging import salvage
 

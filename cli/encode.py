@@ -220,7 +220,7 @@ def _encode(
     asked = InputOptions(**options)
     job.check([output], [asked.mesh], overwrite=overwrite, dry_run=dry_run)
     with open_clip(source, asked, name=job.source_name) as sequence:
-        # What is named as not kept may be in the scene.
+        # Data that notices report as lost may be kept in the scene.
         lost = [one for one in sequence.notices if is_about_loss(one)]
         is_early = checked.scene == "drop" or sequence.carried is None
         say_notices(one for one in sequence.notices if is_early or one not in lost)

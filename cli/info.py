@@ -113,7 +113,7 @@ def _connectivity_facts(sequence: MeshSequence, files: int) -> dict[str, Any]:
 
 
 def _content_facts(sequence: MeshSequence) -> dict[str, Any]:
-    """Return how many items of each kind the file holds, and what happens to them, if its reader lists them."""
+    """Return how many items of each kind the file holds, and whether they are kept, if its reader lists them."""
     counts = Counter((one.fate, one.kind) for one in sequence.contents)
     found = [{"kind": kind, "count": count, "fate": fate} for (fate, kind), count in counts.items()]
     return {"contents": found} if found else {}

@@ -339,10 +339,10 @@ def say_plan(
     size: int,
     samples: Sequence[int] = SAMPLES,
 ) -> None:
-    """Print what a job would read (`files` of `size` bytes in total), and the approximate size of its output.
+    """Print the input of a job (`files` of `size` bytes in total), and the approximate size of its output.
 
-    The size is extrapolated from the first frames, written in the numbers of `samples`; a clip without more frames is
-    written whole.
+    The size is extrapolated from the first frames, as many as `samples` says; a clip without more frames is written
+    whole.
     """
     from pdecodec.mesh.selection import select
 
@@ -361,14 +361,14 @@ def say_plan(
 
 
 def say_sizes(job: Job, sequence: MeshSequence, becomes: str, *, files: int, size: int) -> None:
-    """Print what a job would read (`files` of `size` bytes in total), and what it becomes."""
+    """Print the input of a job (`files` of `size` bytes in total) and its output."""
     there = f"{files} file{'s' * (files != 1)}, {byte_size(size)}"
     put(visible(f"read {job.source_name} ({there}): {extent(sequence)}"))
     put(visible(f"write {job.output_name}: {becomes}"))
 
 
 def say_start(job: Job, sequence: MeshSequence) -> None:
-    """Print what is read and written, for ``-v``."""
+    """Print the input and the output of a job, for ``-v``."""
     count = len(sequence.runs[0].objects)
     objects = f"{count} object{'s' * (count != 1)}"
     say(

@@ -81,7 +81,7 @@ class CommandsOnDemand(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command; if the line begins with a path or `convert`, the one that the extensions call for."""
+        """Return the command; if the line begins with a path or `convert`, the command that fits the extensions."""
         bare = args[0] not in COMMANDS and (
             args[0] == "-" or "." in args[0] or "/" in args[0] or Path(args[0]).exists()
         )

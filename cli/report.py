@@ -103,7 +103,7 @@ def report(
     Measurements are kept in DIR (measurements.json): an interrupted run resumes where it stopped.
     """
     from pdecodec.codec.settings import EncodeSettings
-    from pdecodec.formats.base.companions import check_there
+    from pdecodec.formats.base.companions import check_exists
     from pdecodec.formats.base.registry import known_extensions
     from pdecodec.report.clips.comparison import read_measurements, too_large
     from pdecodec.report.clips.making import find_clips, make_report
@@ -123,7 +123,7 @@ def report(
         known_extensions(lambda entry: entry.reads and entry.frame_per_file),
     )
     for path in clips.values():
-        check_there(str(path))
+        check_exists(str(path))
     able, skipped = available_baselines() if baselines else ((), ())
     plan = ReportPlan(
         tolerances=tuple(sorted(set(tolerances or TOLERANCES), reverse=True)),

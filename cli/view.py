@@ -72,7 +72,7 @@ def view(
 
 
 def _prepared(path: Path, original: str | None, asked: InputOptions) -> tuple[str | None, Original | None]:
-    """Return the up axis, and the difference from the original."""
+    """Return the up axis and, if there is an original, its difference from the file."""
     from pdecodec.codec.opening import open_animation
     from pdecodec.formats.base.choosing import open_clip
     from pdecodec.report.viewer.view import difference

@@ -28,7 +28,7 @@ from pdecodec.report.charts.vegalite import Chart, as_png, require_drawing
 from pdecodec.simulate import build
 
 FRAMES = 61
-"""Number of frames; odd, so that every frame left out lies between two frames that are kept."""
+"""Number of frames; odd, so that every frame that is left out lies between two kept frames."""
 
 FPS = 24.0
 
@@ -66,13 +66,13 @@ class Encoding:
 
     @property
     def bits(self) -> float:
-        """Bits per vertex and frame, everything counted."""
+        """Bits per vertex and frame of the whole file."""
         return bits_per_vertex_frame(self.report.file_bytes, vertices=self.report.vertices, frames=self.report.frames)
 
 
 @dataclass(frozen=True)
 class Between:
-    """Errors at the frames left out, of the codec and of linear interpolation between the kept frames."""
+    """Errors at the frames left out: of the codec, and of linear interpolation between the kept frames."""
 
     decoded: Distortion
     linear: Distortion
@@ -191,7 +191,7 @@ def draw(demonstration: Demonstration, path: Path) -> None:
 
 
 def _draw_meshes(demonstration: Demonstration, picture: Picture) -> None:
-    """Draw three views of the clip, with the chosen frames one below the other and the worst of them close up."""
+    """Draw three views of the clip: the chosen frames, one below the other, and a close-up of the worst of them."""
     sequence = demonstration.sequence
     frames = demonstration.picture_frames
     quads = polygons_of(sequence.connectivity)[0]

@@ -146,11 +146,13 @@ def rows(groups: Groups, names: Iterable[str] | None = None, cases: Sequence[Cas
             tuning = tried[case[0]].get((name, change), TUNINGS[case[0]])
             if tuning == TUNINGS[case[0]]:
                 continue
-            looks = change == "without" and case == cases[0]
+            measures_surfaces = change == "without" and case == cases[0]
             with tuned(case[0], tuning):
-                found = measure(groups, case, known if looks else None)
+                found = measure(groups, case, known if measures_surfaces else None)
             for group in (ALL, *groups):
-                figures = ",".join(_compared(*(_of(each, group) for each in (found, usual[case])), looks=looks))
+                figures = ",".join(
+                    _compared(*(_of(each, group) for each in (found, usual[case])), measures_surfaces=measures_surfaces)
+                )
                 yield f'"{name}",{change},{case[0]},{case[1]:g},{group},{figures}'
 
 
@@ -158,14 +160,16 @@ def _of(measured: Mapping[str, list[Measured]], group: str) -> list[Measured]:
     return [one for name, clips in measured.items() if group in (name, ALL) for one in clips]
 
 
-def _compared(found: Sequence[Measured], usual: Sequence[Measured], *, looks: bool) -> Iterator[str]:
+def _compared(found: Sequence[Measured], usual: Sequence[Measured], *, measures_surfaces: bool) -> Iterator[str]:
     """Yield the ratios of a row: `found` divided by `usual`."""
     pairs = list(zip(found, usual, strict=True))
     yield f"{sum(len(one.data) for one in found) / sum(len(one.data) for one in usual):.4f}"
     yield f"{max(len(new.data) / len(old.data) for new, old in pairs):.4f}"
     yield f"{sum(one.seconds for one in found) / sum(one.seconds for one in usual):.2f}"
     for name in ("normals", "edges"):
-        ratios = [getattr(new, name) / getattr(old, name) for new, old in pairs if looks and getattr(old, name)]
+        ratios = [
+            getattr(new, name) / getattr(old, name) for new, old in pairs if measures_surfaces and getattr(old, name)
+        ]
         yield f"{geometric_mean(ratios):.4f}" if ratios else ""
 
 

@@ -35,7 +35,7 @@ class Measured(NamedTuple):
     decoding: float
 
 
-def part_of(clip: dict[str, NDArray[Any]]) -> tuple[Any, ...]:
+def connectivity_of(clip: dict[str, NDArray[Any]]) -> tuple[Any, ...]:
     """Return the connectivity of a clip as the core takes it. Elements with fewer than three corners are padded
     by repeating the last corner.
     """
@@ -85,7 +85,7 @@ def rows_of(folder: Path) -> Iterator[tuple[str, str, str, int, Measured]]:
     """Yield clip, field, tolerance, number of values and measurement, for every field at every tolerance."""
     for path in sorted(folder.glob("*/*.npz")):
         clip = dict(np.load(path))
-        part = part_of(clip)
+        part = connectivity_of(clip)
         for name, domain in json.loads(str(clip["domains"])).items():
             rows = _core.FieldRows(DOMAINS[domain], [part])
             values = clip[f"field_{name}"]

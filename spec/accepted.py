@@ -290,7 +290,9 @@ def rough(frames: int, rows: int, columns: int) -> ArraySequence:
 
 
 def in_cosines(frames: int) -> ArraySequence:
-    """A sheet that swings in exactly two cosines of a clip of this length, so that all other coefficients are zero."""
+    """A sheet whose motion is exactly a sum of two cosines of a clip of this length, so all other coefficients
+    are zero.
+    """
     phase = np.pi * (np.arange(frames)[:, None] + 0.5) / frames
     swing = np.cos(3 * phase) * wave(1, 4, 6)[0, :, 2] + np.cos(7 * phase) * np.arange(24) / 24
     points = np.repeat(wave(1, 4, 6), frames, axis=0)

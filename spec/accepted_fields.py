@@ -105,7 +105,7 @@ def runs_with_fields() -> ChangingSequence:
 
 
 def with_coding(sequence: MeshSequence, coding: FieldCoding, longest: int = 512, **settings: Any) -> bytes:
-    """Encode a sequence whose fields are coded in one way, in groups of at most `longest` frames."""
+    """Encode a sequence with one coding for all fields, in groups of at most `longest` frames."""
 
     def choose(_: object, quantiser: Any, __: object) -> tuple[FieldCoding, None]:
         return (coding if quantiser.step else FieldCoding(coding.levels, 1)), None
@@ -155,7 +155,7 @@ def group(
     size: int | None = None,
     checksum: int | None = None,
 ) -> bytes:
-    """Return the row of a group with a chunk."""
+    """Return the row in FLDS of a group with a chunk."""
     row = bytes([code]) + b"".join(map(count, (frames, skipped, in_chunk)))
     row += struct.pack("<d", unit) if code == QUANTISED else b""
     row += count(len(chunk) if size is None else size)
@@ -167,7 +167,7 @@ def crc(chunk: bytes) -> bytes:
 
 
 def computed_row(code: int, *numbers: int, frames: int = 3) -> bytes:
-    """Return the row of a group without a chunk: its source, and its first component there."""
+    """Return the row in FLDS of a group without a chunk: it names the source field and the first component there."""
     return bytes([code]) + b"".join(map(count, (frames, *numbers)))
 
 
@@ -209,7 +209,7 @@ def at_rest(frames: int = 3) -> list[Part]:
 
 
 def by_hand() -> tuple[bytes, bytes]:
-    """Return FLDS and FDAT of nine frames, with a mixture that no encoder writes."""
+    """Return FLDS and FDAT of nine frames, in a combination that no encoder writes."""
     ramp = chunk_of(np.arange(30).reshape(10, 3, 1) * 11, (TRIANGLE,), coding=(8, 255))
     huge = chunk_of([[[2**36]], [[-(2**36)]], [[1]]])
     kinds = chunk_of([[[5]], [[6]]], kinds=[[[0]], [[1]]])

@@ -132,7 +132,7 @@ def take_rows(table: bytes) -> tuple[list[Row], bytes]:
 
 @dataclass(frozen=True)
 class RunParts:
-    """One run of a file of runs: its sections, None if they equal those of the run before."""
+    """One run in a file of runs: its sections; None for sections that equal those of the previous run."""
 
     vertices: int
     sections: dict[str, bytes | None]
@@ -179,7 +179,7 @@ def with_runs(parts: list[Part], runs: list[RunParts]) -> list[Part]:
 
 
 def with_section(parts: list[Part], kind: str, new: bytes, *, sizes: list[int] | None = None) -> list[Part]:
-    """Return sections with the content of one replaced and the groups' checksums made valid.
+    """Return sections in which one has new content, with valid checksums of groups.
 
     `sizes` are the sizes of the groups' chunks in this section (TIME, COEF or CORR), if they change.
     """

@@ -1,8 +1,8 @@
-"""The vectors of the specification, all in `vectors/manifest.json`: what to expect of each file, and its bytes.
+"""The vectors of the specification, all in `vectors/manifest.json`: the expected result for each file, and its bytes.
 
     python -m spec.vector_files FOLDER      write them as FOLDER/accept/NAME.pdeanim and FOLDER/reject/NAME.pdeanim
 
-The files are small, about six hundred bytes each, and tests read them together. This module needs Python alone.
+The files are small, about six hundred bytes each, and tests read them together. This module needs only Python.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Manifest = dict[str, dict[str, dict[str, Any]]]
 
 @cache
 def read_manifest() -> Manifest:
-    """Return what is expected of each vector, and its bytes in base64, by `accept` or `reject` and by name."""
+    """Return the expected result of each vector, and its bytes in base64, by `accept` or `reject` and by name."""
     manifest: Manifest = json.loads(MANIFEST.read_text("utf-8"))
     return manifest
 

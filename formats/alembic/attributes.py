@@ -115,7 +115,9 @@ class AlembicExtras(Extras):
             self.samplings.append((times, prop.getTimeSampling()))
 
     def add_parameter(self, param: Any, name: str, metadata: Any, place: str) -> None:
-        """Add a parameter that changes as a field of a name, unless its metadata tell another."""
+        """Add a parameter that changes, as a field. The field is called `name` unless the metadata give another
+        name.
+        """
         numbers = field_of_parameter(param, name, metadata, self.connectivity)
         if numbers is None:
             self.left_out.append(f"{name} (it changes with time)")

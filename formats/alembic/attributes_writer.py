@@ -74,7 +74,7 @@ def uv_sample(
 
 
 class ExtrasWriter:
-    """Writes the data of a shape that are no samples of its schema, below the shape's handle.
+    """Writes the data of a shape that are not samples of its schema, below the shape's handle.
 
     Data are written once, or, if connectivity changes, for every frame, because programs take the sample nearest to
     a time.
@@ -250,7 +250,7 @@ class ParameterWriter:
         return self._described[:3] == (kind, domain, metadata)
 
     def set(self, values: NDArray[Any], indices: NDArray[Any] | None) -> None:
-        """Add a sample, with indices if and only if the first sample had them."""
+        """Add a sample; it has indices if and only if the first sample had them."""
         kind, scope = self._described.kind, SCOPES[self._described.domain]
         if not self._described.is_indexed and indices is not None:
             values, indices = values[indices], None

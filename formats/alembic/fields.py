@@ -1,4 +1,4 @@
-"""Read what changes with time on an Alembic shape: velocities, UVs, colours and other parameters.
+"""Read the data of an Alembic shape that change with time: velocities, UVs, colours and other parameters.
 
 A parameter has a time sampling of its own. Between two of its samples, floats are interpolated linearly, as positions
 are, and whole numbers hold.
@@ -23,17 +23,17 @@ from pdecodec.mesh.sequence import AttributeDomain, Connectivity
 
 NAME_KEY, DTYPE_KEY, UNIT_KEY = "pdecodec_name", "pdecodec_dtype", "pdecodec_unit"
 """Metadata keys of a parameter that is a field: its name, if Alembic's type implies another; its type, which
-marks it as a field; and its unit. Their values are quoted as in addresses, because metadata cannot hold every
-character.
+also marks the parameter as a field; and its unit. Values are percent-encoded, because metadata cannot hold
+every character.
 """
 
 DOMAIN_KEY = "pdecodec_domain"
-"""Metadata key of colours that are stored per corner, because programs read no others of a mesh, but belong to
-faces or to the object.
+"""Metadata key of colours of faces or of the object: they are stored per corner, because programs read no other
+colours of a mesh.
 """
 
 NOT_UV_KEY = "notUV"
-"""Alembic's own metadata key of a parameter of two numbers that are no texture coordinates."""
+"""Alembic's own metadata key of a parameter of two numbers that are not texture coordinates."""
 
 DOMAINS: dict[str, AttributeDomain] = {
     "kConstantScope": "object",
@@ -63,14 +63,14 @@ FIELD_PARAMETERS = {name: getattr(AbcGeom, f"I{name}GeomParam") for name in (*_V
 
 
 def role_of_kind(kind: str, name: str, metadata: Any) -> str:
-    """Return the name of UVs or colours that a parameter of a type and name is; else the name itself."""
+    """Return the role of a parameter that holds UVs or colours; otherwise its name."""
     if kind[:2] in ("C3", "C4"):
         return role_name(COLOR, name, ())
     return role_name(UV, name, ()) if kind == "V2f" and metadata.get(NOT_UV_KEY) != "1" else name
 
 
 def field_name(kind: str, name: str, metadata: Any) -> str:
-    """Return the name of the field that a parameter of a type and name is."""
+    """Return the name of the field that a parameter holds."""
     if kind in ("V3f", "V3d", "N3f", "N3d"):
         return f"{VECTOR if kind[0] == 'V' else NORMAL}:{name}"
     return role_of_kind(kind, name, metadata)

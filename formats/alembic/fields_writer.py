@@ -1,4 +1,4 @@
-"""Write what changes with time on an Alembic shape as parameters that have a sample for each frame."""
+"""Write the data of an Alembic shape that change with time, as parameters with a sample for each frame."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ not write 64-bit integers.
 
 
 def is_uv_set(field: Field, *, changes: bool) -> bool:
-    """Return whether the UVs of a mesh can hold a field; if connectivity changes, those are always of corners."""
+    """Return whether the UVs of a mesh can hold a field. If connectivity changes, UVs are always stored per corner."""
     return _role_kind(field) == "V2f" and (field.domain == "corner" or (field.domain == "vertex" and not changes))
 
 
@@ -85,9 +85,9 @@ class FieldsWriter:
         self._frames = 0
 
     def write(self, fields: Sequence[tuple[Field, NDArray[Any]]], frames: int, connectivity: Connectivity) -> list[str]:
-        """Write values (frames, rows, components); return notices about what was lost.
+        """Write values (frames, rows, components); return notices about losses.
 
-        What earlier runs of frames had and this one has not becomes empty.
+        Parameters of fields that only earlier runs of frames have get empty samples.
         """
         notices = list[str]()
         for field, stored in fields:
@@ -105,7 +105,7 @@ class FieldsWriter:
         return notices
 
     def _made(self, field: Field, *, has_faces: bool) -> tuple[ParameterKind, ParameterWriter]:
-        """Return the kind of parameter of a field, and its writer, with samples for all frames before."""
+        """Return the kind of parameter for a field, and its writer, which has samples for all previous frames."""
         of_role, domain, metadata = _role_kind(field), field.domain, {DTYPE_KEY: field.dtype.name}
         is_color = of_role in ("C3f", "C4f")
         if is_color and has_faces and domain in ("face", "object"):

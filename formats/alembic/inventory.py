@@ -1,7 +1,7 @@
-"""List everything in an Alembic archive, and what becomes of it, by the names that Alembic uses.
+"""List everything in an Alembic archive, and whether it is kept, by the names that Alembic uses.
 
-Every object, property and time sampling is listed. What the readers have not taken is dropped, and named once in a
-note.
+Every object, property and time sampling is listed. Anything that the readers did not use is dropped, and a note
+names each kind of it once.
 """
 
 from __future__ import annotations
@@ -29,12 +29,10 @@ _KEPT = {
     "archive": {FPS_PROPERTY, METADATA_PROPERTY},
     "object": set(),
 }
-"""Properties of schemas that are kept if their object is, in addition to those that the reader of the shape has
-taken.
-"""
+"""Properties of schemas that are kept if their object is, in addition to those that the shape's reader used."""
 
 _IMPLIED = {".selfBnds", ".childBnds", ".animChans", ".facesExclusive", ".pointIds"}
-"""Properties that follow from others, or that add nothing unless the reader of the shape has taken them."""
+"""Properties that follow from others, or that hold no further information unless the shape's reader used them."""
 
 _LOST_PROPERTIES = {
     ".velocities": "velocities",

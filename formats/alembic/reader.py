@@ -39,7 +39,8 @@ _DAMAGE_ERRORS = (RuntimeError, ArithmeticError, LookupError, MemoryError, TypeE
 def open_alembic(
     path: Path, *, fps: float | None, transforms: Transforms = "bake", skip_unsupported: bool = False
 ) -> MeshSequence:
-    """Open the geometry of an Alembic file of the Ogawa kind, with a run for each change of faces or ids of points.
+    """Open the geometry of an Alembic file of the Ogawa kind; each change of faces or ids of points begins a
+    new run.
 
     If `fps` is given, there are frames at this rate from the first stored time to the last, instead of at the stored
     times.
@@ -172,7 +173,7 @@ def _timing(
         if fps is not None:
             times, notices = resampled(times, fps)
         return times, rate, notices
-    # Nothing moves, but there may be several samples.
+    # Nothing moves, but properties may have several samples.
     still = max((sample_times(shape.positions) for shape in shapes), key=len)
     return snapped_times(still, stored or rate), rate, notices if still.size > 1 else ()
 

@@ -1,7 +1,8 @@
 """Cut the motion out of an Alembic archive, and fill it again: blocks of its file, in place.
 
-Blocks of positions, normals and bounds become zeros; those of arrays that the decoder knows become zeros, too, and are
-filled. Keys become zeros. The rest of the file stays as it is, so that the library reads the archive as before.
+Blocks of positions, normals and bounds become zeros, and so do blocks of arrays that the decoder restores, which are
+filled again. Keys become zeros. The rest of the file stays as it is, so that the library reads the archive as
+before.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ ROOT = "scene.abc"
 """Name of the archive in a carrier."""
 
 _FEWEST_BYTES = 48
-"""Fewest bytes of a block that is worth a cut: those of bounds."""
+"""Smallest size of a block that is worth cutting [bytes]: that of bounds."""
 
 _OF_MOTION = (".geom/P", ".geom/N", ".geom/N/.vals", ".geom/.selfBnds")
 """Properties of a shape that the motion replaces."""
@@ -83,7 +84,7 @@ class AlembicFamily:
             if content in known or (content not in kept and (content in replaced or content in coded)):
                 data[place : place + size] = bytes(size)
             if content in known or content in replaced or content in kept or content in coded:
-                # Keys tell samples apart when the library writes; it does not look at them when it reads.
+                # The library compares keys when it writes samples, but ignores them when it reads.
                 data[place - KEY_BYTES : place] = bytes(KEY_BYTES)
         counts = Counter(_nouns(original.top))
         cuts = {"arrays": arrays, "samples": samples}
@@ -115,7 +116,7 @@ def _by_frame(sample: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _write(file: Any, place: int, content: bytes, size: int) -> None:
-    """Write into a file of a size."""
+    """Write bytes into a file of a known size."""
     if not 0 <= place <= size - len(content):
         raise damaged("the scene does not fit the meshes of the file")
     file.seek(place)
@@ -131,7 +132,7 @@ def _objects(top: Any) -> Iterator[Any]:
 
 
 def _samples(top: Any) -> Iterator[tuple[str, str, float, NDArray[Any]]]:
-    """Yield the path of the object, the name of the property, and time [s] and values of every sample of numbers."""
+    """Yield for every sample of numbers: the path of the object, the name of the property, the time [s], the values."""
     for item in _objects(top):
         properties = [("", item.getProperties())]
         while properties:

@@ -151,7 +151,8 @@ class ShapeScan(SceneWalk):
         return self.found
 
     def look(self, path: str, props: Sequence[Any], times: Float64Array) -> tuple[Any, Float64Array]:
-        """Return where to read array properties that may change, and the times [s] with the same values of them.
+        """Return where to read array properties that may change, and the times [s] at which they have the same
+        values.
 
         The first value is a selector, or None if the properties are constant; the second is a part of `times`.
         """
@@ -163,7 +164,7 @@ class ShapeScan(SceneWalk):
             return select(float(times[0])), times
         inside = times_within(times, self.span(path))
         own = inside if inside.size else times[:1]
-        # Attributes may have changed since the first of these samples, when something else of the shape changed.
+        # Attributes may have changed at the first of these samples, together with something else of the shape.
         before = own[own <= self.at + SAME_TIME]
         return select(float(before[-1] if before.size else own[0])), own
 

@@ -78,7 +78,7 @@ _CHANNELS = {
     **dict.fromkeys((imath.C4fArray, imath.C4cArray), "rgba"),
     **dict.fromkeys((imath.QuatfArray, imath.QuatdArray), "rxyz"),
 }
-"""Parts of the elements of arrays that NumPy cannot take whole."""
+"""Components of the elements of arrays that NumPy cannot read as a whole."""
 
 
 def to_numpy(array: Any) -> NDArray[Any]:

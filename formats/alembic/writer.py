@@ -133,7 +133,7 @@ def _described_bytes(item: MeshObject) -> int:
 
 
 def time_sampling(times: Float64Array, rate: float) -> Any:
-    """Return Alembic's time sampling of times [s]: regular, at this rate or another, or a list of times."""
+    """Return Alembic's time sampling for times [s]: regular, or a list of times."""
     found = rate if times.size == 1 else regular_rate(times, rate)
     if found is not None:
         return AbcCoreAbstract.TimeSampling(1.0 / found, float(times[0]))

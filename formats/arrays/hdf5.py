@@ -40,7 +40,7 @@ MAX_LINKS = 16
 
 HDF5_DAMAGE = (
     *(OSError, LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError),
-    SystemError,  # h5py leaves its lock with an exception that it has lost
+    SystemError,  # h5py raises it when it loses its lock on an exception
 )
 """Exceptions of h5py and NumPy on damaged or missing parts."""
 

@@ -262,7 +262,7 @@ def joined_colors(objects: Sequence[MeshObject], domain: Literal["vertex", "face
     return np.concatenate(parts) if width else None
 
 
-def white_for_none(sequence: MeshSequence) -> tuple[str, ...]:
+def missing_color_notices(sequence: MeshSequence) -> tuple[str, ...]:
     """Return a notice if vertices without a colour are written white."""
     found = [color.indices for item in sequence.objects if (color := main_color(item)) is not None]
     has_gaps = any(indices is not None and (indices < 0).any() for indices in found)
@@ -285,7 +285,7 @@ def left_out(
     )
 
 
-def lost_by_joining(
+def joining_notices(
     sequence: MeshSequence,
     title: str,
     joined: str,
@@ -301,7 +301,7 @@ def lost_by_joining(
     if colors is not None and any(main_color(item) is None for item in sequence.objects):
         notices += ("objects without colours are white",)
     if colors is not None:
-        notices += white_for_none(sequence)
+        notices += missing_color_notices(sequence)
     return notices + left_out(
         sequence,
         title,

@@ -15,7 +15,7 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.scene_reading import SceneSequence, ShapeField
-from pdecodec.formats.base.scene_space import turned_directions
+from pdecodec.formats.base.scene_space import transform_directions
 from pdecodec.formats.base.times import SAME_TIME
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.fields import Field
@@ -88,7 +88,7 @@ class StoredFields:
         values = self._read[2]
         rows = values.reshape(1, values.shape[1], -1)[:, self._slices[name][number]]
         if matrix is not None:
-            rows = turned_directions(field, rows, np.linalg.inv(matrix).astype(np.float64))
+            rows = transform_directions(field, rows, np.linalg.inv(matrix).astype(np.float64))
         rows, faces = rows[0], self._fits[number].item.connectivity
         if field.domain == "corner" and not faces.same_as(shape.connectivity):
             rows = rows[reversed_corners(faces.face_counts)]

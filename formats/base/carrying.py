@@ -1,8 +1,8 @@
 """Carry the scene around the motion in a `.pdeanim` file, and write the motion back onto it.
 
-A carrier holds the files of the source without the arrays that the `.pdeanim` file codes: ``files/...``, and ``cuts``,
-a JSON text that says what was cut out. A family of formats cuts and fills (:class:`Family`). The filled files are an
-original like any other, onto which :func:`pdecodec.formats.write_onto` writes the motion.
+A carrier holds the files of the source (``files/...``) without the arrays that the `.pdeanim` file codes, and
+``cuts``, a JSON text that lists the removed arrays. A :class:`Family` of formats cuts and fills the files. The
+filled files are an original like any other, onto which :func:`pdecodec.formats.write_onto` writes the motion.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import move_into, output_exists, partial_folder, publish, write_errors
 
 FILES = "files/"
-"""Beginning of the names of streams that are files."""
+"""Prefix of the names of streams that are files."""
 
 COUNTS, INDICES = "faceVertexCounts", "faceVertexIndices"
-"""Names of the arrays of faces that the decoder knows."""
+"""Names of the arrays of faces that the decoder restores."""
 
 _OF_READING = ("clip", "displacement", "solids")
-"""Options of reading that a carrier records."""
+"""Options for reading the source that a carrier records."""
 
 _BY_LIBRARIES = ("alembic", "usd", "exodus")
 """Formats whose files libraries in other languages parse, which a damaged file can crash."""
@@ -50,13 +50,13 @@ _COMPANION_ENDINGS = (
     *(".usd", ".usda", ".usdc", ".mtl", ".mtlx", ".bin", ".png", ".jpg", ".jpeg", ".exr", ".hdr", ".avif", ".webp"),
     *(".ktx2", ".tif", ".tiff", ".tga", ".bmp", ".gif", ".tex", ".m4a", ".mp3", ".wav"),
 )
-"""Endings of files that may come to lie next to an output: layers, materials, images and sounds."""
+"""Extensions of files that may be written next to an output: layers, materials, images and sounds."""
 
 _SPECIAL = re.compile(r"\.|(con|prn|aux|nul|com\d|lpt\d) *(\.|$)", re.IGNORECASE)
-"""Beginnings of names that files next to an output do not have."""
+"""Pattern of names that files next to an output must not have: hidden files and devices of Windows."""
 
 OF_OUTPUT = frozenset({"output-exists", "output-unwritable", "disk-full", "overwrites-input", "interrupted"})
-"""Codes of errors that are not about the scene: otherwise the mesh alone can be written."""
+"""Codes of errors that do not concern the scene. After any other error the mesh alone can be written."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ class Stripped:
     contents : dict of str to int
         Things that the coded mesh does not hold, by a noun in the singular, with their numbers.
     companions : tuple of str
-        Those of `files` that a written file names again, and that therefore come to lie next to it.
+        Members of `files` that a written file refers to, and that are therefore written next to it.
     outside : tuple of str
-        Files that are named, and that are not among `files`.
+        Files to which members of `files` refer, but that are not in `files`.
     fields : tuple of str
         Names of the fields whose values were cut: :func:`write_onto` writes them anew, like the motion.
     """
@@ -92,7 +92,7 @@ class Stripped:
 
 
 def is_carried_name(name: str) -> bool:
-    """Return whether a carrier can hold a file of this path relative to the main one."""
+    """Return whether a carrier can hold a file with this path relative to the main file."""
     return name_fault(f"{FILES}{name}") is None
 
 
@@ -107,9 +107,9 @@ def is_companion_name(name: str) -> bool:
 
 
 def arrays_of(item: MeshObject, *, exact_uvs: bool = True) -> Iterator[tuple[tuple[str, str], NDArray[Any]]]:
-    """Yield the arrays that the decoder knows of an object: those of its faces and attributes, and turned around.
+    """Yield the arrays of an object that the decoder restores: faces and attributes, also with faces reversed.
 
-    UVs are among them if the decoder returns them to the last bit, `exact_uvs`.
+    They include UVs if the decoder returns these to the last bit, `exact_uvs`.
     """
     faces = item.connectivity
     order = reversed_corners(faces.face_counts)
@@ -129,7 +129,7 @@ def arrays_of(item: MeshObject, *, exact_uvs: bool = True) -> Iterator[tuple[tup
 
 @contextmanager
 def open_fields(path: Path, sequence: MeshSequence, names: Collection[str]) -> Iterator[StoredFields]:
-    """Open a file of a scene, to fill its fields from a sequence's."""
+    """Open a file of a scene, to fill its fields with those of a sequence."""
     placed = bake_transforms(sequence)
     with open_sequence(path, skip_unsupported=True) as original:
         yield StoredFields(placed, original, match_objects(placed, original, path)[0], names)
@@ -141,21 +141,21 @@ class Family(Protocol):
     def strip(
         self, original: Any, source: Path, fits: Sequence[Fitted], *, exact_uvs: bool, fields: StoredFields
     ) -> Stripped | None:
-        """Cut the arrays of coded objects out of the files of an open sequence; None if there is nothing else.
+        """Remove the arrays of coded objects from the files of an open sequence; None if nothing else remains.
 
         `exact_uvs` says whether the decoder returns texture coordinates to the last bit; `fields` are the coded
         fields.
         """
 
     def fill(self, folder: Path, cuts: dict[str, Any], sequence: MeshSequence, suffix: str) -> None:
-        """Fill the files in a folder from a decoded sequence; the motion's arrays may hold anything of their size.
+        """Fill the files in a folder from a decoded sequence. Arrays that the motion replaces may hold any values.
 
-        `cuts` has the members ``root`` and ``companions``, too. They may be changed, as for an output with `suffix`.
+        `cuts` also has the members ``root`` and ``companions``. They may be changed, as for an output with `suffix`.
         """
 
 
 class CarriedFile:
-    """The scene of a file that is open: what an encoder may carry.
+    """The scene of an open file, which an encoder may carry.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ class CarriedFile:
         return self
 
     def carrier(self, sequence: MeshSequence, *, exact_uvs: bool, fields: Collection[str]) -> Carrier | None:
-        """Return the carrier of a sequence made of the file; None if there is nothing but its mesh.
+        """Return the carrier for a sequence read from the file; None if the file holds only its mesh.
 
         Raises
         ------
@@ -224,8 +224,8 @@ def write_scene(
     entry : Format
         Of the carrier's family.
     where : pathlib.Path
-        File, or for formats of one file per frame a pattern or a folder. Files that the scene consists of come to lie
-        next to it; those that lie there already and are the same stay.
+        File, or for formats of one file per frame a pattern or a folder. The other files of the scene are written next
+        to it; identical files that exist there already are kept.
     overwrite : bool
     isolate : bool
         Parse the files in a worker process, if a library does it.
@@ -235,12 +235,13 @@ def write_scene(
     Returns
     -------
     tuple of str, or InputError
-        A line for each thing that is not kept; or why the motion does not fit the scene, and then nothing is written.
+        A line for each thing that is not kept. If the motion does not fit the scene, nothing is written, and the
+        result is the error.
     """
     files = carrier.files(chosen_limits(None).max_memory)
     with ExitStack() as stack:
         place = stack.enter_context(_frames_in_folder(where, entry))
-        # Fields for frame numbers mean something in names of folders, too.
+        # Placeholders of frame numbers would have a meaning in names of folders, too.
         folder = stack.enter_context(partial_folder(place.with_name(where.name.replace("#", "_"))))
         stack.enter_context(write_errors(where))
         try:
@@ -270,7 +271,7 @@ def write_scene(
 
 
 class Written(NamedTuple):
-    """What :func:`write_filled` did: the original's name and its new one, names of files next to it, and notices."""
+    """Result of :func:`write_filled`: the original's old and new name, names of files next to it, and notices."""
 
     root: str
     original: str
@@ -281,7 +282,7 @@ class Written(NamedTuple):
 def write_filled(
     sequence: MeshSequence, entry: Format, place: Path, where: Path, cuts: dict[str, Any], options: Mapping[str, Any]
 ) -> Written:
-    """Fill the files of a scene in a folder, and write the motion onto them, to `place`; `where` is the output."""
+    """Fill the files of a scene in a folder, and write them with the motion to `place`; `where` is the output."""
     folder = place.parent
     family: Family = load(entry, entry.carrier, "written", where)()
     with _damage_named():
@@ -302,14 +303,14 @@ def write_filled(
 
 
 def free_name(path: Path, *others: str) -> Path:
-    """Return a path in the same folder where nothing is, and that has none of some other names."""
+    """Return a free path in the same folder, with a name that differs from some others."""
     while os.path.lexists(path) or path.name in others:
         path = path.with_name(f"_{path.name}")
     return path
 
 
 def _cuts_of(files: Mapping[str, bytes]) -> dict[str, Any]:
-    """Return what was cut out of a carrier's files."""
+    """Return the list of removed arrays in a carrier's files."""
     try:
         found = json.loads(files[CUTS])
         if isinstance(found["root"], str) and all(isinstance(name, str) for name in found["companions"]):
@@ -321,14 +322,14 @@ def _cuts_of(files: Mapping[str, bytes]) -> dict[str, Any]:
 
 @contextmanager
 def _damage_named() -> Iterator[None]:
-    """Turn exceptions that a damaged or hostile carrier causes in a family's code into an error of one line."""
+    """Convert exceptions that a damaged or hostile carrier causes in a family's code to an error of one line."""
     try:
         yield
     except (
         LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, StopIteration, OSError
     ) as error:  # fmt: skip
         reason = str(error)
-        # Libraries tell of their sources, on several lines.
+        # Libraries add lines about their source code.
         is_plain = reason and not isinstance(error, RuntimeError) and "\n" not in reason
         raise damaged(f"the scene is damaged ({reason if is_plain else type(error).__name__})") from error
 

@@ -39,7 +39,7 @@ def input_files(source: str) -> tuple[Path, ...]:
     return tuple(file for extension in suffixes & frame_extensions() for file in find_frames(path, extension).paths)
 
 
-def check_there(source: str) -> None:
+def check_exists(source: str) -> None:
     """Raise InputError unless a path is a file, a folder, or a pattern that has existing frames."""
     path = Path(source)
     if is_address(source) or path.exists() or (is_input_pattern(path) and has_frames(path)):

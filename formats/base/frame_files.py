@@ -182,7 +182,7 @@ def gather_frames(paths: Sequence[str], extensions: Collection[str]) -> list[str
     return list(dict.fromkeys(patterns.get(Path(path), path) for path in paths))
 
 
-def other_frames(path: Path) -> tuple[str, ...]:
+def other_frames_notice(path: Path) -> tuple[str, ...]:
     """Return a notice if a file is one of several frames with the same name but another number, else nothing."""
     wanted = _NUMBERED.fullmatch(path.name)
     if wanted is None or not os.access(path.parent, os.R_OK):

@@ -185,19 +185,19 @@ class FrameMeshes:
                 self.changes.compare(frame, mesh.attributes, before.attributes, but)
             self.changes.note_lines(mesh.notices)
             self._kept.keep(frame, mesh.points)
-        self.changes.note_lines(not_kept(self._not_joined, _UNEVEN_PARTS))
+        self.changes.note_lines(not_kept(self._not_joined, _UNEVEN_PARTS_NOTICE))
         firsts = [first for first, _ in starts]
         self._looks = {first: looks.fields() for first, looks in zip(firsts, found, strict=True)}
         for first, end in zip(firsts, [*firsts[1:], len(self.files)], strict=True):
             lost = [name for name in fields_of_frames(self._data[first:end])[1] if name not in self._not_joined]
-            self.changes.note_lines(not_kept(lost, _UNEVEN))
+            self.changes.note_lines(not_kept(lost, _UNEVEN_NOTICE))
         return starts
 
 
-_UNEVEN = "not kept, because frames lack them or store them in other ways: {}"
+_UNEVEN_NOTICE = "not kept, because frames lack them or store them in other ways: {}"
 """Notice about data that cannot become a field."""
 
-_UNEVEN_PARTS = "not kept in frames where some parts lack them or store them in other ways: {}"
+_UNEVEN_PARTS_NOTICE = "not kept in frames where some parts lack them or store them in other ways: {}"
 """Notice about data of several parts that cannot be joined."""
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pdecodec.errors import CorruptFileError, InputError, LimitError, SettingsError, naming_file
 from pdecodec.formats.base.attribute_roles import VELOCITIES, is_velocity
-from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames
+from pdecodec.formats.base.frame_files import FOLDER_PADDING, other_frames_notice
 from pdecodec.formats.base.registry import (
     Format,
     Output,
@@ -148,7 +148,7 @@ def _open_here(where: Path, fps: float | None, given: dict[str, Any], *, isolate
     if entry.carrier is not None and len(sequence.runs) == 1:
         sequence.carried = load(entry, CARRIED_FILE, "read", where)(entry, where, sequence)
     if entry.frame_per_file and where.is_file():
-        sequence.notices = (*sequence.notices, *other_frames(where))
+        sequence.notices = (*sequence.notices, *other_frames_notice(where))
     return sequence
 
 

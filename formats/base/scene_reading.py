@@ -30,9 +30,9 @@ from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import (
     apply_matrices,
     mirrors,
+    reverse_faces,
     transform_attribute,
-    turned_around,
-    turned_directions,
+    transform_directions,
 )
 from pdecodec.formats.base.times import SAME_TIME, Timing
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
@@ -417,7 +417,7 @@ class SceneSequence(MeshSequence):
             if field.domain == "corner" and self.objects[index].connectivity is not shape.connectivity:
                 found = found[:, reversed_corners(shape.connectivity.face_counts)]
             matrices = self._matrices(shape, start, stop) if self._turns(field) else None
-            values[:, own] = found if matrices is None else turned_directions(field, found, matrices)
+            values[:, own] = found if matrices is None else transform_directions(field, found, matrices)
         return values if field.components > 1 else values[:, :, 0]
 
     def _turns(self, field: Field) -> bool:
@@ -466,7 +466,7 @@ class SceneSequence(MeshSequence):
             # If the transform flattens at the first frame, the last one decides.
             ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
             if mirrors(one[0] for one in ends if one is not None):
-                item = turned_around(item)
+                item = reverse_faces(item)
         return item
 
     def read_frames(self, start: int, stop: int) -> Float32Array:

@@ -186,7 +186,7 @@ class PlacedSequence(DerivedSequence):
             values = values.copy()
             for own, kept in zip(field.slices(self.objects), self._kept, strict=True):
                 if not kept:
-                    values[:, own] = turned_directions(field, values[:, own], turn[None])
+                    values[:, own] = transform_directions(field, values[:, own], turn[None])
         return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:
@@ -259,7 +259,7 @@ def apply_matrices(points: Float32Array, matrices: Float64Array) -> Float32Array
         return to_float32(points.astype(np.float64) @ matrices[:, :3, :3] + matrices[:, None, 3, :3])
 
 
-def turned_directions(field: Field, values: NDArray[Any], matrices: Float64Array) -> NDArray[Any]:
+def transform_directions(field: Field, values: NDArray[Any], matrices: Float64Array) -> NDArray[Any]:
     """Return values of a field under matrices of positions; unchanged if they are not directions.
 
     Parameters
@@ -293,7 +293,7 @@ def mirrors(matrices: Iterable[Float64Array]) -> bool:
         return next((sign for sign in signs if sign), 1.0) < 0
 
 
-def turned_around(item: MeshObject) -> MeshObject:
+def reverse_faces(item: MeshObject) -> MeshObject:
     """Return an object with its faces reversed, and the data of their corners with them."""
     old = item.connectivity
     order = reversed_corners(old.face_counts)
@@ -347,7 +347,7 @@ class BakedTransforms(DerivedSequence):
             return item
         attributes = tuple(one for one in item.attributes if one is not transform)
         baked = MeshObject(item.name, item.connectivity, attributes)
-        return turned_around(baked) if self._mirrored(transform) else baked
+        return reverse_faces(baked) if self._mirrored(transform) else baked
 
     def _mirrored(self, transform: Attribute | None) -> bool:
         return transform is not None and mirrors(matrices_at(transform, self.times[[0, -1]]))
@@ -362,7 +362,7 @@ class BakedTransforms(DerivedSequence):
                 continue
             if field.domain == "corner" and self._mirrored(transform):
                 values[:, own] = values[:, own][:, reversed_corners(item.connectivity.face_counts)]
-            values[:, own] = turned_directions(field, values[:, own], matrices_at(transform, self.times[start:stop]))
+            values[:, own] = transform_directions(field, values[:, own], matrices_at(transform, self.times[start:stop]))
         return values
 
     def read_frames(self, start: int, stop: int) -> Float32Array:

@@ -90,7 +90,7 @@ class Clip:
     samplers: Mapping[tuple[int, str], Sampler]
     extras: Mapping[str, Any]
     left_out: tuple[str, ...] = ()
-    """Names of animated properties that are not read."""
+    """Names of animated properties that this package does not read."""
 
     @property
     def key_times(self) -> list[Float64Array]:
@@ -121,7 +121,9 @@ def read_clip(file: GltfFile, index: int) -> Clip:
 
 
 def find_channel_targets(file: GltfFile, target: Mapping[str, Any]) -> list[tuple[int, str]] | None:
-    """Return the (node, property) pairs that a channel moves; None if it animates something that is not read."""
+    """Return the (node, property) pairs that a channel moves; None if this package does not read the animated
+    property.
+    """
     if "node" in target and target["path"] in MOVING_PROPERTIES:
         return [(target["node"], target["path"])]
     if target["path"] != "pointer":
@@ -183,7 +185,7 @@ class Nodes:
         return chain
 
     def local(self, index: int, times: Float64Array) -> Float64Array:
-        """Return matrices (times, 4, 4) float64 from a node's space to its parent's."""
+        """Return matrices (times, 4, 4) float64 that map a node's space to its parent's."""
         node = self.entries[index]
         if "matrix" in node:
             # glTF stores column-major matrices for column vectors: read row by row, they are matrices for row vectors.
@@ -213,7 +215,7 @@ class Pose:
         self._worlds: dict[int, Float64Array] = {}
 
     def world(self, index: int) -> Float64Array:
-        """Return matrices (times, 4, 4) float64 from a node's space to the scene's, for row vectors."""
+        """Return matrices (times, 4, 4) float64 that map a node's space to the scene's, for row vectors."""
         above: Float64Array | None = None
         for node in reversed(self._nodes.above(index)):
             if node not in self._worlds:

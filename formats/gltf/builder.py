@@ -46,7 +46,7 @@ VERTEX_DATA, INDEX_DATA = 34962, 34963
 
 
 HELD_BYTES, COPIED_BYTES = 2**22, 3 * 2**18
-"""Bytes of data that are held in memory before a temporary file takes them, and that are copied at once."""
+"""Bytes of data that are held in memory before they go to a temporary file, and bytes that are copied at once."""
 
 Coded = tuple[str, NDArray[Any]]
 """A filter of meshoptimizer, and rows in its form."""
@@ -97,7 +97,9 @@ class GltfBuilder:
         return self._encoder is not None
 
     def begin_with(self, file: GltfFile) -> None:
-        """Start from everything in an existing file, its buffers joined to one; call it before anything is added."""
+        """Start with everything that an existing file holds, its buffers joined to one. Call this before adding
+        anything.
+        """
         mine = self.root.get("extensionsRequired", ())
         self.root = copy.deepcopy(dict(file.root))
         for extension in mine:

@@ -121,7 +121,7 @@ class GltfFile:
         return rows.reshape(count, width)
 
     def _view(self, index: int) -> tuple[Mapping[str, Any], bytes, int, int]:
-        """Return the entry of a buffer view, the bytes that hold it, and its begin and end in these."""
+        """Return the entry of a buffer view, the bytes that hold it, and the offsets of its begin and end in them."""
         view = self.root["bufferViews"][index]
         packed = next((view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})), None)
         if packed is None:

@@ -235,7 +235,7 @@ def _pseudo_inverse(functions: Float64Array) -> Float64Array:
 
 
 class _Probe:
-    """Some coordinates of a motion (samples, columns), and the functions of time that they have in common."""
+    """Some coordinates of a motion (samples, columns), and the functions of time that represent them."""
 
     def __init__(
         self, rows: Float64Array, known: Float64Array, most: int, bounds: Sequence[float], *, cubic: bool
@@ -277,7 +277,7 @@ class _Probe:
         return int(np.count_nonzero(self._left > bound / 2))
 
     def find_fewest(self, bound: float, *, least: int) -> Float64Array | None:
-        """Return the known functions and the fewest others, but at least `least`; None if that takes too many."""
+        """Return the known functions and the fewest others, but at least `least`; None if too many are needed."""
         if self._least_error > bound:
             return None
         if not least and self._try_count(0, bound) is not None:
@@ -299,7 +299,7 @@ class _Probe:
     def _try_count(self, count: int, bound: float) -> Float64Array | None:
         low, high = _ranges(self._vectors[:, :count], cubic=self._cubic)
         if (high <= low).any():
-            return None  # a function that stands still
+            return None  # the function does not change
         more = np.clip((self._vectors[:, :count] - low) / (high - low), 0, 1).astype(np.float32)
         functions = np.column_stack([self._known, more.astype(np.float64)])
         basis = np.column_stack([np.ones(len(functions)), functions])

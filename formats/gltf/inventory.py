@@ -48,7 +48,7 @@ def left_out_of_materials(file: GltfFile) -> tuple[str, ...]:
 
 
 def left_out_of_file(file: GltfFile, nodes: Nodes, clip: Clip | None, moving: Collection[int]) -> Iterator[str]:
-    """Yield the names of everything else that is not kept, except what meshes and the clip report themselves.
+    """Yield the names of all other data that are not kept; meshes and the clip report their own losses.
 
     Parameters
     ----------

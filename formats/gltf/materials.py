@@ -40,7 +40,9 @@ class Materials:
             self._there.setdefault(material_name(entry, number), entry)
 
     def index(self, label: str) -> int:
-        """Return the index of the material with this name; InputError if something it refers to is missing."""
+        """Return the index of the material with this name; InputError if the source lacks something that the
+        material uses.
+        """
         try:
             return self._once("materials", label, lambda: self._material(label))
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:

@@ -29,7 +29,7 @@ from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 
 BOX_DIGITS = 3
-"""Decimal digits to which boxes are rounded outwards, of the largest coordinate."""
+"""Decimal digits of the largest coordinate to which boxes are rounded, outwards."""
 
 STEP_BOUNDS = 0.5
 """Step to which the shape at rest is rounded [bounds]; its error is 0.43 bounds at most."""
@@ -38,12 +38,12 @@ UNBOUNDED_STEPS = 2**14
 """Number of steps in the size of a scene whose motion has no bound."""
 
 STEPS_BETWEEN_FRAMES = 2
-"""Times for each frame at which a box looks for the motion's extent: splines overshoot a little between frames."""
+"""Times per frame at which positions are evaluated for a box: splines overshoot a little between frames."""
 
 
 @dataclass(frozen=True)
 class CodedRows:
-    """How the vertices and faces of an object stand in the motion.
+    """Where the vertices and faces of an object are in the motion.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class Delivery:
 
 
 class MotionWriter:
-    """The objects of a scene that the motion of a glTF file moves.
+    """The objects of a scene that the motion in a glTF file moves.
 
     Parameters
     ----------
@@ -119,7 +119,9 @@ class MotionWriter:
         return bool(self._objects)
 
     def add(self, item: MeshObject, frames: Float32Array) -> CodedRows:
-        """Add an object with its positions (frames, vertices, 3); of a stored animation all objects, in order."""
+        """Add an object with its positions (frames, vertices, 3). If the motion is an animation that is stored
+        already, add all its objects in order.
+        """
         first, part = sum(one.vertex_count for one in self._objects), item.connectivity
         if self.stored is not None:
             self._objects.append(item)
@@ -208,7 +210,7 @@ class MotionWriter:
 
 
 def is_stored(sequence: MeshSequence, settings: EncodeSettings | None) -> bool:
-    """Return whether the motion of a sequence is coded already, and no other bound is asked for."""
+    """Return whether the motion of a sequence is encoded already, and the settings ask for no other bound."""
     if not isinstance(sequence, Animation) or settings is None:
         return False
     has_cells = any(one.connectivity.cell_count for one in sequence.meshes)
@@ -229,7 +231,7 @@ class _Parts(MeshSequence):
 
 
 def weld(frames: Float32Array) -> tuple[Int64Array, Int64Array]:
-    """Find vertices that are together at all frames, (frames, vertices, 3).
+    """Find vertices that have equal positions at all frames, (frames, vertices, 3).
 
     Returns
     -------

@@ -66,7 +66,7 @@ class Morphed:
 
 @dataclass(frozen=True)
 class _MorphedRows:
-    """An accessor of colours or UVs, and what each morph target adds to it, by its number."""
+    """An accessor of colours or UVs, and the values that each morph target adds to it, by the target's number."""
 
     stored: Float32Array
     added: Mapping[int, Float32Array]
@@ -264,7 +264,7 @@ class _Reader:
         return found
 
     def _read(self, source: PrimitiveRows, name: str) -> _MorphedRows:
-        """Return the rows of an attribute, and what morph targets add to them."""
+        """Return the rows of an attribute, and the values that morph targets add to them."""
         targets = enumerate(source.targets[: len(self._weights)])
         added = {k: self._file.accessor(one[name]).astype(np.float32) for k, one in targets if name in one}
         added = {number: rows for number, rows in added.items() if rows.any()}
@@ -277,7 +277,7 @@ class _Reader:
         parts: Sequence[_MorphedRows],
         at: Callable[[Float64Array], Float32Array],
     ) -> None:
-        """Note the morph targets that change the attribute of a name; `at` returns its values under weights."""
+        """Record the morph targets that change an attribute; `at` returns its values under weights."""
         if targets := frozenset(number for part in parts for number in part.added):
             self._morphed[name] = Morphed(domain, targets, at)
 
@@ -399,7 +399,7 @@ def _points(connectivity: Connectivity, drawn: Sequence[tuple[int, Int64Array]])
 
 
 def _place_of(own: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return what tells the vertices of a primitive in a motion."""
+    """Return the entries of an extension that select the vertices of a primitive in a motion."""
     return tuple(own.get(name) for name in ("motion", "firstVertex", "vertexMap"))
 
 

@@ -107,7 +107,7 @@ class Motion:
 
     @property
     def frame_targets(self) -> int:
-        """Number of targets that are one frame each."""
+        """Number of targets that hold one frame each."""
         return len(self.targets) - self.is_away_from_rest if self.functions is None else 0
 
     def normals_at(self, samples: Int64Array) -> Float32Array:

@@ -1,4 +1,4 @@
-"""Write motion into an existing glTF scene: its meshes then move by morph targets, or as their nodes do.
+"""Write motion into an existing glTF scene: its meshes then move by morph targets, or with their nodes.
 
 Nodes, skins, materials, images, cameras, lights and extras stay. A moved mesh is replaced by one with the same
 indices and attributes but other positions and normals, and without joints. It stays in the tree of nodes if its
@@ -46,7 +46,7 @@ _MIRROR = np.array([-1, 1, 1], np.float32)
 """Scale of a root node whose mesh stood under a mirroring transform: keeps the orientation of its stored faces."""
 
 _FLATTENING_CONDITION = 1e6
-"""Condition number from which a transform counts as flattening; its meshes then go to the root."""
+"""Condition number above which a transform counts as flattening; its meshes then go to the root."""
 
 _MOTION_ATTRIBUTE_PREFIXES = ("JOINTS_", "WEIGHTS_", "TANGENT")
 """Prefixes of attributes that belong to the motion that is replaced."""
@@ -98,7 +98,7 @@ class _Onto(GltfScene):
         chosen = self._animations[original.clip_number]
         self._samplers, self._channels = chosen["samplers"], chosen["channels"]
         extras = chosen.get("extras")
-        # The original's cameras and other nodes keep their times, so both share one start of time.
+        # The original's cameras and other nodes keep their times, so the new and the old animations start at one time.
         self._start = min(original.start, self._start)
         chosen["extras"] = {**(extras if isinstance(extras, dict) else {}), "pdecodec": self._noted_times()}
         moved = {original.shapes[one.index].node for one in fits}

@@ -27,7 +27,7 @@ class Block:
     joints: Int64Array | None
     weights: Float64Array | None
     motion: int | None = None
-    """The motion that moves it, and, (rows,), the vertex of the motion that each row is."""
+    """The motion that moves it, and the vertex (rows,) of the motion for each row."""
     numbers: Int64Array | None = None
 
 
@@ -104,7 +104,7 @@ def normals_shared_by(blocks: Sequence[Block], sources: Sequence[PrimitiveRows])
         columns = np.zeros((count, 4 + 2 * width))
         columns[:, :3] = block.positions
         for number, target in enumerate(block.targets):
-            # A combination of the displacements that almost surely differs if they do.
+            # A combination of the displacements, which almost surely differs if the displacements differ.
             columns[:, 3] += (target * np.cos([number + 1, number + 1.4, number + 1.8])).sum(axis=1)
         if block.joints is not None and block.weights is not None:
             columns[:, 4 : 4 + block.joints.shape[1]] = np.where(block.weights > 0, block.joints, -1)

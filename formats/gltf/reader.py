@@ -165,7 +165,9 @@ class GltfSequence(SceneSequence):
         out[:] = points if shape.gather is None else points[:, shape.gather]
 
     def _moved(self, block: Block, times: Float64Array) -> Float32Array:
-        """Return positions (times, vertices, 3) of a block that a motion moves; one that does not play rests."""
+        """Return positions (times, vertices, 3) of a block that a motion moves; if the motion does not play, at
+        rest.
+        """
         assert block.motion is not None
         assert block.numbers is not None
         if block.motion not in self._playing:

@@ -1,7 +1,7 @@
 """Cut the motion out of a glTF file, and fill it again: JSON, buffers and images.
 
 Bytes that only moved meshes use become zeros: positions, normals, tangents, joints, weights, morph targets. Indices
-and UVs become differences from what the decoder computes, which are zeros or nearly so.
+and UVs become their differences from the decoder's values, so they are zero or nearly so.
 """
 
 from __future__ import annotations
@@ -119,12 +119,14 @@ def _contents(file: GltfFile) -> dict[str, int]:
 
 
 def _cuts(original: GltfSequence, one: Fitted, number: int, *, exact_uvs: bool) -> Iterator[dict[str, Any]]:
-    """Yield the arrays of a moved mesh, object `number`, that the decoder knows: an accessor, and its place there."""
+    """Yield the arrays of a moved mesh, object `number`, that the decoder restores: an accessor, and the
+    array's place in the decoded object.
+    """
     part = original.shapes[one.index]
     mesh, file = part.mesh, original.file
     corners = mesh.connectivity.face_indices
     if mesh.gather is not None or mesh.corner_rows is not corners or (mesh.connectivity.face_counts != 3).any():
-        # Its rows and faces are those that our writer recorded next to it.
+        # The reader restored rows and faces from ``extras``, so they differ from the accessors' values.
         return
     turned = not one.item.connectivity.same_as(mesh.connectivity)
     place = {"object": number, **({"turned": True} if turned else {})}
@@ -149,7 +151,7 @@ def _cuts(original: GltfSequence, one: Fitted, number: int, *, exact_uvs: bool) 
 
 
 def _is_plain(file: GltfFile, index: int, dtype: str | None = None) -> bool:
-    """Return whether an accessor's bytes lie in a buffer as they are."""
+    """Return whether an accessor's bytes are stored in a buffer uncompressed."""
     entry = file.listed("accessors")[index]
     if "bufferView" not in entry or (dtype is not None and COMPONENTS[entry["componentType"]] != dtype):
         return False
@@ -159,7 +161,7 @@ def _is_plain(file: GltfFile, index: int, dtype: str | None = None) -> bool:
 def _places(
     root: Mapping[str, Any], index: int, buffers: Mapping[int, NDArray[Any]]
 ) -> tuple[int, Int64Array, np.dtype[Any]]:
-    """Return the buffer of an accessor, the place of each of its bytes there (rows, bytes), and its type."""
+    """Return the buffer of an accessor, the offset of each of its bytes there (rows, bytes), and its type."""
     entry = root["accessors"][index]
     view = root["bufferViews"][entry["bufferView"]]
     dtype = np.dtype(COMPONENTS[entry["componentType"]])
@@ -173,7 +175,7 @@ def _places(
 
 
 def _known(cut: Mapping[str, Any], objects: Sequence[MeshObject], rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the values of an accessor as the decoder knows them."""
+    """Return the values of an accessor as the decoder restores them."""
     item = objects[cut["object"]]
     faces = item.connectivity
     order = reversed_corners(faces.face_counts) if cut.get("turned") else slice(None)
@@ -195,7 +197,7 @@ def _difference(
     cuts: Sequence[Mapping[str, Any]],
     objects: Sequence[MeshObject],
 ) -> None:
-    """Change bytes of accessors to their differences (exclusive or) from what the decoder knows, or back."""
+    """Replace bytes of accessors by their differences (exclusive or) from the decoder's values, or restore them."""
     for cut in cuts:
         buffer, places, dtype = _places(root, cut["accessor"], buffers)
         known = np.ascontiguousarray(_known(cut, objects, len(places), dtype))
@@ -258,7 +260,7 @@ def _replaced_bytes(
 
 
 def _views_of_others(root: Mapping[str, Any]) -> set[int]:
-    """Return the buffer views that something other than an accessor's own rows refers to, and compressed ones."""
+    """Return the buffer views that are compressed, or that other entries than accessors use."""
     found = {
         number
         for number, view in enumerate(root.get("bufferViews", []))

@@ -29,7 +29,7 @@ DURATION_SLACK = 1e-6
 
 
 class StoredMotion:
-    """A motion of a file.
+    """A motion that a glTF file holds.
 
     Attributes
     ----------
@@ -89,7 +89,7 @@ class StoredMotions:
         return [index for index, one in enumerate(self.entries) if one.get("animation") == clip]
 
     def of(self, index: int) -> StoredMotion:
-        """Return a motion; InputError if it is missing or no `.pdeanim` file of one connectivity.
+        """Return a motion; InputError if it is missing, or is not a `.pdeanim` file with one connectivity.
 
         CorruptFileError or LimitError if that file is damaged or asks for more memory than allowed.
         """

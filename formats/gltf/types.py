@@ -1,4 +1,4 @@
-"""Check the types of all values of a glTF file's JSON that are read, once, before any of them is used.
+"""Check the types of all values in a glTF file's JSON that this package reads, once, before using any of them.
 
 Other values are not checked. ``extras`` may hold anything: data under pdecodec's keys that it cannot have written is
 ignored.
@@ -21,7 +21,7 @@ MESH_MOTION = "PDECODEC_mesh_motion"
 """Extension by which a `.pdeanim` file in a buffer view moves meshes (spec/extension)."""
 
 INDEX_LIMIT = 2**31
-"""Exclusive limit of indices: what they number is in memory."""
+"""Exclusive limit of indices: the items that they number are in memory."""
 
 COUNT_LIMIT = 2**53
 """Exclusive limit of offsets and counts: numbers in JSON are exact integers up to there."""
@@ -35,7 +35,7 @@ Shape = Callable[[Any], Any] | list[Any] | dict[str, Any]
 
 @dataclass(frozen=True)
 class _Note:
-    """Schema of a value that is ignored if it does not fit."""
+    """Schema of a value that is ignored if it has another type."""
 
     shape: Shape
 

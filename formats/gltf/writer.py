@@ -105,7 +105,8 @@ def check_size(frames: int, objects: Sequence[MeshObject]) -> None:
 
 
 class ObjectThirds:
-    """Positions of each object at the thirds between frames: read again whenever asked for, or held for small ones.
+    """Positions of each object at the thirds between frames: held in memory for small objects, else read again
+    each time.
 
     Parameters
     ----------
@@ -121,7 +122,7 @@ class ObjectThirds:
         self._points = np.zeros((0, 0, 3), np.float32)
 
     def blocks(self, index: int) -> Blocks | None:
-        """Return a reader of the positions of an object; valid until another object is asked for."""
+        """Return a reader of the positions of an object; it is valid until this is called for another object."""
         sequence, own = self._sequence, self._places[index]
         if sequence is None:
             return None
@@ -143,7 +144,7 @@ class GltfScene:
 
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool = False) -> None:
         self._builder, self._sequence, self._output, self._turn = builder, sequence, output, turn
-        # A stored file is not turned: its nodes are.
+        # The positions in a stored `.pdeanim` file cannot be turned, so the nodes are.
         self._is_stored = is_stored(sequence, output.motion)
         self._source = place(sequence, up_axis="Y") if turn and not self._is_stored else sequence
         self._branches: dict[tuple[str, ...], int] = {}
@@ -264,14 +265,14 @@ class GltfScene:
         return rigid_notices((deviation for deviation in off.values() if deviation), between)
 
     def _skinned(self, name: str, entry: dict[str, Any], own: RigidObject, bind: Float64Array) -> int:
-        """Add the node of an object whose parts joints move; `bind` goes from stored positions to its shape."""
+        """Add the node of an object whose parts are moved by joints; `bind` maps stored positions to its shape."""
         centres = np.stack([self._movers[one].keys.centre for one in own.movers])
         skin = write_skin(self._builder, [self._joint(one) for one in own.movers], centres, bind)
         # A skinned mesh is not moved by its ancestors.
         return self._attach({"name": "/".join(_steps(name)), **entry, "skin": skin}, None)
 
     def _joint(self, number: int) -> int:
-        """Return the node of a joint that moves as the mover with this number."""
+        """Return the node of a joint that moves like the mover with this number."""
         known = self._joints
         if number not in known:
             keys = self._movers[number].keys
@@ -317,7 +318,7 @@ def _steps(name: str) -> tuple[str, ...]:
 
 
 class _Scene(GltfScene):
-    """Every object of a sequence as a node with a mesh."""
+    """A scene with a node and a mesh for every object of a sequence."""
 
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool) -> None:
         super().__init__(builder, sequence, output, turn=turn)
@@ -381,7 +382,7 @@ class _Scene(GltfScene):
                 part, thirds, place = part[:1], None, self._turned_place()
             if turns is not None:
                 part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)
-            # Viewers shade triangles without normals flat, so flat triangles need none.
+            # Viewers shade triangles without normals flat, so normals of flat triangles are not stored.
             shown = None if rows is not None and rows.are_of_flat_triangles else rows
             motion = motion_of(part, thirds, shown)
             is_rounded = self._output.quantize and coded is None

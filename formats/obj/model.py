@@ -150,7 +150,9 @@ class ObjModel:
         return (self._build_whole(self._parts, self._whole.vertices),)
 
     def contents(self) -> Iterator[Content]:
-        """List what the file has besides the data of its objects: their names, libraries of materials, comments."""
+        """List the data of the file that are not data of its objects: names of objects, libraries of materials,
+        comments.
+        """
         for name in self._labels["object"]:
             yield Content(f"/{name}", "objects", "coded")
         for library in self._libraries:

@@ -71,7 +71,8 @@ class _Template:
         for _, place in self._moves:
             moved[place] = True
         self._normals, corner_rows = _normals_of(
-            # The normals of a scene that was carried hold nothing: which corners share one is in the attributes.
+            # The original stores no usable normals if the sequence fills a carried scene: the attributes then tell
+            # which corners share a normal.
             [one.item for one in sorted(fits, key=lambda one: one.index)] if is_filled else original.objects
         )
         self._pieces: list[bytes | tuple[int, list[bytes]] | None] = []

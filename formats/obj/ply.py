@@ -39,10 +39,10 @@ FACE_UVS, _TEXTURE = "texcoord", "TextureFile"
 _NORMALS = ("nx", "ny", "nz")
 
 POINT_NORMALS = "normal:n"
-"""Name of the field that the normals of points without faces are."""
+"""Name of the field that holds the normals of points without faces."""
 
 FIELD_COMMENT = "pdecodec field "
-"""Begin of a comment of our writer that tells the name, type and properties of a field, as JSON."""
+"""Beginning of a comment, written by our writer, that states the name, type and properties of a field as JSON."""
 
 _HEAD_BYTES = 2**16
 """Bytes from the start of a file that are searched for the header."""
@@ -83,7 +83,7 @@ def _parsed(path: Path) -> Any:
 
 
 def _mesh(data: Any) -> MeshFile:
-    # The columns of each element that have not been read yet; those that remain in the end are not kept.
+    # The columns of each element that have not been read yet; columns that remain at the end are not kept.
     elements = {
         element.name: {name: element.data[name] for name in element.data.dtype.names} for element in data.elements
     }
@@ -119,7 +119,7 @@ def _mesh(data: Any) -> MeshFile:
 
 
 def _fields(columns: dict[str, Any], domain: FieldDomain, comments: Sequence[str]) -> dict[DataKey, StoredData]:
-    """Remove the numbers of vertices or faces that remain from their columns, and return them as data.
+    """Remove the remaining numbers of vertices or faces from their columns, and return them as data.
 
     Comments of our writer say which columns are one field, and its type; other columns are a field each.
     """
@@ -136,7 +136,7 @@ def _fields(columns: dict[str, Any], domain: FieldDomain, comments: Sequence[str
         kind = next((one for one in DTYPES if one.name == dtype), None)
         if is_here and kind is not None and set(names) <= {one for one in columns if _is_number(columns[one])}:
             values = np.stack([columns.pop(one) for one in names], axis=1)
-            with np.errstate(invalid="ignore"):  # no number need fit the type that the comment tells
+            with np.errstate(invalid="ignore"):  # the numbers may not fit the type in the comment
                 found[domain, name] = stored_array(values.astype(kind))
     if domain == "vertex" and set(_NORMALS) <= set(columns):
         found[domain, POINT_NORMALS] = stored_array(np.stack([columns.pop(one) for one in _NORMALS], axis=1))

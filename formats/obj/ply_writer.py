@@ -18,8 +18,8 @@ from pdecodec.formats.base.attribute_roles import (
     expanded,
     is_role,
     joined_colors,
+    joining_notices,
     limited_to_double,
-    lost_by_joining,
     main_color,
     unique_name,
     uv_sets,
@@ -49,7 +49,8 @@ def write_ply(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
 
 
 def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[FrameBytes, tuple[str, ...]]:
-    """Return a function that makes the file of each frame of a run, and notices about what PLY cannot store.
+    """Return a function that makes the file of each frame of a run, and notices about data that PLY cannot
+    store.
 
     Notices that only the values of a frame give are added to `found_later`.
     """
@@ -104,7 +105,7 @@ def _run_bytes(sequence: MeshSequence, found_later: dict[str, None]) -> tuple[Fr
             faces = _face_rows(sequence.connectivity, own if of_corners else None, after)
         return [before, rows.tobytes(), faces]
 
-    notices = lost_by_joining(
+    notices = joining_notices(
         sequence,
         "PLY",
         "mesh",
@@ -129,7 +130,7 @@ def _looks(sequence: MeshSequence) -> list[Field]:
     """Return the fields that PLY stores as the UVs, the colours of vertices, and the colours of faces."""
     taken = {
         (one.domain if is_role(one, COLOR) else UV) for item in sequence.objects for one in _written(item)
-    }  # An attribute takes the place.
+    }  # An attribute with the same role is stored there instead.
     found = []
     for one in sorted(looks_of(sequence), key=lambda one: ":" in one.name):
         place = UV if look_role(one) == UV else one.domain

@@ -213,7 +213,7 @@ class ObjSequence(MeshSequence):
         return values
 
     def _read_looks(self, frame: int) -> dict[DataKey, NDArray[Any]]:
-        """Return the rows of all fields at a frame, and keep them, so that its file is parsed once for all."""
+        """Return the rows of all fields at a frame. They are kept, so that the frame's file is parsed only once."""
         text = read_text(self._frames.paths[self._first + frame], self._first + frame)
         objects = ObjModel(text, scan(text)).objects
         rows: dict[DataKey, NDArray[Any]] = {
@@ -241,7 +241,7 @@ class ObjSequence(MeshSequence):
 
 
 def _look_fields(objects: Sequence[MeshObject], names: Collection[str]) -> Iterator[Field]:
-    """Yield the fields that attributes of some names are if they change."""
+    """Yield the fields for attributes of the given names that change."""
     for name in sorted(names):
         owners = [index for index, item in enumerate(objects) if any(one.name == name for one in item.attributes)]
         found = [next(one for one in objects[index].attributes if one.name == name) for index in owners]
@@ -257,7 +257,9 @@ def _look_fields(objects: Sequence[MeshObject], names: Collection[str]) -> Itera
 
 
 def _look_rows(field: Field, objects: Sequence[MeshObject], like: Sequence[MeshObject]) -> NDArray[Any]:
-    """Return the rows of a field in the objects of one frame; NaN if that has no values, or not for these objects."""
+    """Return the rows of a field in the objects of one frame: NaN where the frame has no values or another
+    number of them.
+    """
     parts = []
     for index, count in enumerate(field.row_counts(like)):
         rows = np.full((count, field.components), np.nan, field.dtype)
@@ -291,7 +293,7 @@ class _Structure:
         return found
 
     def note_changes(self, model: ObjModel, frame: int, changes: FrameChanges) -> set[str]:
-        """Note other differences of a frame; kinds of data that are known to change are not compared again.
+        """Record other differences of a frame, except in kinds of data that are known to change.
 
         Return the names of UVs and colours that differ: they are fields.
         """

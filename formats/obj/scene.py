@@ -1,7 +1,7 @@
 """Cut the motion out of an OBJ file, and fill it again: the text of the first frame, and its libraries of materials.
 
-Coordinates of vertices and normals become zeros. Texture vertices and corners of faces become their bare words where
-what the decoder computes gives the same again.
+Coordinates of vertices and normals become zeros. The numbers of texture vertices and of corners of faces are removed
+where the decoder's values give the same text again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MATERIAL = re.compile(rb"^[ \t]*newmtl\b", re.MULTILINE)
 _TEXTURE = re.compile(rb"^[ \t]*(?:map_\w+|bump|disp|decal|norm|refl)[ \t]([^\r\n]*)", re.MULTILINE)
 
 _FORMS = (b"v", b"t", b"n", b"b")
-"""A corner with a vertex alone, with a texture vertex, with a normal, with both."""
+"""Forms of a corner: vertex alone, with a texture vertex, with a normal, with both."""
 
 
 class ObjFamily:
@@ -61,7 +61,7 @@ class ObjFamily:
         if [one.index for one in fits] != list(range(len(original.objects))):
             raise InputError("some of the objects of the OBJ file are left out", code="unsupported-feature")
         objects = [one.item for one in fits]
-        # The first of these that gives the same corners and texture vertices again.
+        # The first of these cuts from which the same corners and texture vertices are restored.
         for cut in ({"vt", "f"} if exact_uvs else {"f"}, {"f"}, set[str]()):
             bare = _stripped(text.data, {*cut, "vn"} if any(map(group_attribute, objects)) else cut)
             if not cut or _is_same(bare, objects, cut, text):
@@ -77,7 +77,7 @@ class ObjFamily:
 
 
 def _libraries(text: bytes, folder: Path) -> tuple[dict[str, bytes], list[str]]:
-    """Return the libraries of materials in the folder of a text or below it, and the names of others."""
+    """Return the libraries of materials in the folder of a text or below it, and the names of libraries elsewhere."""
     found: dict[str, bytes] = {}
     outside: list[str] = []
     for argument in dict.fromkeys(found.strip(b" \t") for found in _LIBRARY.findall(text)):
@@ -112,13 +112,13 @@ def _form(corner: re.Match[bytes]) -> bytes:
 
 
 _TOKENS = {"v": " {0}", "t": " {0}/{1}", "n": " {0}//1", "b": " {0}/{1}/1"}
-"""Text of a corner from its vertex and texture vertex. The numbers of normals are given when these are written."""
+"""Text of a corner from its vertex and texture vertex. The numbers of normals follow when normals are written."""
 
 _BARE = re.compile(rb"^([ \t]*)(?:(vt)[ \t]*|f[ \t]+([vtnb]*))(?=\r?$)", re.MULTILINE)
 
 
 def _filled(text: bytes, objects: Sequence[MeshObject], cut: set[str]) -> bytes:
-    """Return a text with the texture vertices and faces of the objects; ValueError if there are others."""
+    """Return a text with the texture vertices and faces of the objects; ValueError if their number differs."""
     if not cut:
         return text
     coordinates, corners = _texture_lines(objects), _corners(objects)
@@ -155,7 +155,7 @@ def _corners(objects: Sequence[MeshObject]) -> Iterator[tuple[int, int]]:
 
 
 def _is_same(text: bytes, objects: Sequence[MeshObject], cut: set[str], other: ObjText) -> bool:
-    """Return whether a text has the corners and texture vertices of another once it is filled."""
+    """Return whether a text, once filled, has the corners and texture vertices of another text."""
     try:
         ours, theirs = scan(ObjText(other.path, 0, _filled(text, objects, cut))), scan(other)
     except (InputError, ValueError):

@@ -1,4 +1,4 @@
-"""Prepare the text of an OBJ file for the core, which parses it, and parse the numbers that the core leaves."""
+"""Prepare the text of an OBJ file for the core, which parses it, and parse the numbers that the core cannot."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def rounding_of_text(text: ObjText, points: Float32Array) -> float:
 
 
 def restore_shortest_floats(numbers: Float64Array, rounded: Float32Array) -> Float64Array:
-    """Return the numbers of a text; where they are the shortest text of a float32, the float32 value itself."""
+    """Return numbers read from a text; a number that is the shortest text of a float32 value becomes that value."""
     printed = rounded.astype(np.str_).astype(np.float64)
     return np.where(numbers == printed, rounded, numbers)
 

@@ -24,8 +24,8 @@ from pdecodec.formats.base.attribute_roles import (
     indexed_rows,
     left_out,
     main_color,
+    missing_color_notices,
     uv_sets,
-    white_for_none,
 )
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
@@ -64,7 +64,7 @@ def write_obj(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         names = renamed((item.name, _one_line(item.name) or DEFAULT_NAME) for item in run.objects)
         text = _FrameText(run, output.rate, first, notices)
         lost += not_kept([one.name for one in run.fields if one not in text.looks], "fields not kept: {}")
-        notices.update(dict.fromkeys((*lost, *names, *_name_notices(text.items), *white_for_none(run))))
+        notices.update(dict.fromkeys((*lost, *names, *_name_notices(text.items), *missing_color_notices(run))))
         return text.of_frame
 
     write_frames(sequence, placed, "OBJ", frame_bytes, new_folder=new_folder)
@@ -213,8 +213,8 @@ class _ObjectText:
             (attribute.name, attribute.domain): attribute for attribute in item.attributes
         }
         self.vertices = slice(first_vertex, first_vertex + item.vertex_count)
-        # ``o`` before the vertices would name the object: it is left out if names of objects are a face attribute, so
-        # that the file reads back unchanged.
+        # ``o`` before the vertices would name the object, so it is left out if names of objects are a face attribute:
+        # the file then reads back unchanged.
         unnamed = alone and item.name == DEFAULT_NAME and ("object", "face") in attributes
         self.before = b"" if unnamed else f"o {_one_line(item.name)}\n".encode()
         # Smoothing groups alone do not make normals: they are written as ``s`` statements.

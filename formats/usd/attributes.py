@@ -31,7 +31,7 @@ _UV_NAMES = ("st", "uv", "UVMap", "map1")
 NORMALS = "normals"
 """Name of the primvar of normals, which takes precedence over the attribute of the same name."""
 
-_OTHERS_OWN = ("skel:",)
+_APPLIED_PREFIXES = ("skel:",)
 """Prefixes of primvars that are already applied to the points."""
 
 
@@ -54,7 +54,7 @@ def read_extras(
         if not primvar.HasAuthoredValue():
             continue
         name = str(primvar.GetPrimvarName())
-        if not name.startswith(_OTHERS_OWN) and not (name == NORMALS and connectivity.face_count):
+        if not name.startswith(_APPLIED_PREFIXES) and not (name == NORMALS and connectivity.face_count):
             _read_primvar(primvar, name, extras, moves, at, span)
     for attribute in prim.GetAuthoredAttributes():
         if attribute.GetNamespace() == OWN:

@@ -29,7 +29,7 @@ ABSENCES = (Pcp.ErrorInvalidAssetPath, Pcp.ErrorInvalidSublayerPath, Pcp.ErrorUn
 """USD's errors about missing files and prims."""
 
 SESSION = re.compile(r",@anon:[^@]*@")
-"""USD's own session layer over every stage, in messages."""
+"""Pattern of the name of USD's session layer, which is removed from messages."""
 
 
 @contextmanager

@@ -64,7 +64,7 @@ def write_usd_onto(
             if output.layer:
                 layer.subLayerPaths.append(below.identifier)
                 for name in ("defaultPrim", "timeCodesPerSecond", "framesPerSecond", "upAxis", "metersPerUnit"):
-                    _hand_on(below, layer, name)
+                    _copy_setting(below, layer, name)
             else:
                 layer.TransferContent(below)
                 UsdUtils.ModifyAssetPaths(layer, anchored)
@@ -92,7 +92,7 @@ def _notice(original: UsdSequence, path: Path, *, of_root: bool) -> tuple[str, .
     return (Notice(text, setting="asset_folders", value=os.path.commonpath(folders), purpose="when it is read"),)
 
 
-def _hand_on(below: Any, layer: Any, name: str) -> None:
+def _copy_setting(below: Any, layer: Any, name: str) -> None:
     """Copy a stage's setting from a layer to the layer over it, because USD ignores settings of sublayers."""
     root, wanted = below.pseudoRoot, layer.pseudoRoot
     if root.HasInfo(name):
@@ -152,7 +152,7 @@ class _Over:
                 purpose="to leave it out",
             )
         for shape in shapes:
-            self._alone(shape.prim.GetPath())
+            self._make_editable(shape.prim.GetPath())
         _note_range(stage, codes)
         self._prims = [
             _PrimOver(
@@ -167,7 +167,7 @@ class _Over:
             for shape, one in zip(shapes, fits, strict=True)
         ]
 
-    def _alone(self, path: Any) -> None:
+    def _make_editable(self, path: Any) -> None:
         """Make a prim editable by ending the instancing of its ancestors."""
         while self._stage.GetPrimAtPath(path).IsInstanceProxy():
             above = self._stage.GetPrimAtPath(path)
@@ -216,10 +216,10 @@ class _PrimOver(ShapeOver):
         placed = ShapePlacement(lambda moments: original.prim_matrices(shape.prim, moments), times, fit.item.name)
         super().__init__(fit.own, placed, rows, None if shape.gather is None else item.connectivity.line_indices)
         if shape.skinning is not None:
-            _let_go(prim)
+            _stop_deforming(prim)
         # A carried scene already has velocities and accelerations of the same motion.
         for attribute in () if is_filled else (geometry.GetVelocitiesAttr(), geometry.GetAccelerationsAttr()):
-            _silence(attribute)
+            _block_value(attribute)
         self._points, self._extent = geometry.CreatePointsAttr(), geometry.CreateExtentAttr()
         for attribute in (self._points, self._extent):
             attribute.Clear()
@@ -238,19 +238,19 @@ class _PrimOver(ShapeOver):
             self._geometry.CreateVelocitiesAttr().Set(vectors(speeds), code)
 
 
-def _silence(attribute: Any) -> None:
+def _block_value(attribute: Any) -> None:
     """Block the value of an attribute, if it has one."""
     if attribute and attribute.HasAuthoredValue():
         attribute.Block()
 
 
-def _let_go(prim: Any) -> None:
+def _stop_deforming(prim: Any) -> None:
     """Stop joints and blend shapes from deforming a prim; the joints and blend shapes stay."""
     binding = UsdSkel.BindingAPI.Apply(prim)
     for name in (UsdSkel.Tokens.skelSkeleton, UsdSkel.Tokens.skelAnimationSource, UsdSkel.Tokens.skelBlendShapeTargets):
         prim.CreateRelationship(name, custom=False).SetTargets([])
     for attribute in (binding.GetBlendShapesAttr(), binding.GetJointIndicesAttr(), binding.GetJointWeightsAttr()):
-        _silence(attribute)
+        _block_value(attribute)
 
 
 def _make_mesh(prim: Any, connectivity: Connectivity) -> None:
@@ -269,7 +269,7 @@ def _has_normals(geometry: Any) -> bool:
 
 def _open_normals(geometry: Any, rows: NormalRows, connectivity: Connectivity) -> Any:
     """Return the attribute for rows of normals, by vertex or, with hard edges, by corner; the prim's own is blocked."""
-    _silence(geometry.GetNormalsAttr())
+    _block_value(geometry.GetNormalsAttr())
     stored = np.array(UsdGeom.Mesh(geometry).GetFaceVertexIndicesAttr().Get(), np.int64)
     order = corner_order(stored, connectivity)
     primvars = UsdGeom.PrimvarsAPI(geometry)

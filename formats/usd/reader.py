@@ -180,7 +180,7 @@ def _placed_at(codes: Float64Array, place: Callable[[Any], Any]) -> Float64Array
     return np.array(found, np.float64).reshape(-1, 4, 4)
 
 
-def _says_rate(stage: Any) -> bool:
+def _states_rate(stage: Any) -> bool:
     """Return whether a stage states its time codes per second.
 
     If no layer states a rate, the caller may give one. If a layer below the root states one, USD has already scaled
@@ -190,13 +190,13 @@ def _says_rate(stage: Any) -> bool:
 
 
 def _codes_per_second(stage: Any, fps: float | None) -> float:
-    says = _says_rate(stage)
+    says = _states_rate(stage)
     return rate_or_default(stage.GetTimeCodesPerSecond() if says else None, None if says else fps)[0]
 
 
 def _timing(stage: Any, shapes: Sequence[UsdShape], fps: float | None) -> tuple[Float64Array, Timing]:
     """Return the time codes of the frames, and their times."""
-    says = _says_rate(stage)
+    says = _states_rate(stage)
     rate = stage.GetTimeCodesPerSecond() if says else None
     per_second, notices = rate_or_default(rate, None if says else fps)
     nominal = float(stage.GetFramesPerSecond()) if stage.HasAuthoredMetadata("framesPerSecond") else per_second

@@ -1,7 +1,7 @@
-"""Cut the motion out of the layers of a USD stage, and fill them again: the root layer, those next to it, packages.
+"""Cut the motion out of the layers of a USD stage, and fill them again: the root layer, layers next to it, packages.
 
-Points become zeros at one time, normals become nothing. Faces, and primvars that the decoder knows, become empty arrays
-where what it computes is the same.
+Points become zeros at one time, and normals are removed. Faces and primvars become empty arrays where the decoder
+restores the same values.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ PACKAGE = "scene.usdz"
 """Name of the package that is made of the files of a carrier."""
 
 _FEWEST = 4
-"""Fewest numbers of an array that is worth a cut."""
+"""Smallest size of an array that is worth cutting."""
 
 _REPLACED = {"points": "zeros", "normals": "nothing", "primvars:normals": "nothing", "extent": "gone"}
-"""What becomes of the values that the motion replaces."""
+"""What replaces the values that the motion gives."""
 
 _NOUNS = {"Camera": "camera", "Material": "material", "Skeleton": "skeleton"}
 
@@ -96,7 +96,7 @@ class UsdFamily:
         return Stripped(files, root, cuts, _contents(stage, files), companions, outside, used)
 
     def fill(self, folder: Path, cuts: dict[str, Any], sequence: MeshSequence, suffix: str) -> None:
-        """Fill the layers in a folder, and make a package of them for a package."""
+        """Fill the layers in a folder; for a package, pack them."""
         with _layers_to_fill(folder) as layer_of:
             for name, path, number, *cut in cuts["arrays"]:
                 spec = layer_of(name).GetAttributeAtPath(path)
@@ -153,7 +153,7 @@ def _layers_to_fill(folder: Path) -> Iterator[Callable[[str], Any]]:
 
 
 def _files_of(source: Path, *, is_package: bool) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Return the files of a stage by name relative to its root layer, and the names of those that are elsewhere."""
+    """Return the files of a stage by name relative to its root layer, and the names of files elsewhere."""
     if is_package:
         with zipfile.ZipFile(source) as package:
             if any(item.compress_type != zipfile.ZIP_STORED for item in package.infolist()):
@@ -188,7 +188,7 @@ def _name_in(folder: Path, place: Path) -> str:
 
 
 def _kept_specs(stage: Any, moved: set[Any]) -> set[tuple[str, Any]]:
-    """Return the layers and paths of the specs that geometry which stays uses."""
+    """Return the layers and paths of the specs that remaining geometry uses."""
     return {
         (spec.layer.identifier, spec.path)
         for prim in Usd.PrimRange.Stage(stage, Usd.TraverseInstanceProxies(Usd.PrimAllPrimsPredicate))
@@ -199,7 +199,7 @@ def _kept_specs(stage: Any, moved: set[Any]) -> set[tuple[str, Any]]:
 
 
 def _cut_specs(prim: Any, kept: set[tuple[str, Any]], coded: Collection[str]) -> Iterator[tuple[Any, str]]:
-    """Yield the specs of arrays of a moved prim that no prim uses that stays, with what becomes of them.
+    """Yield the specs of those arrays of a moved prim that no remaining prim uses, and how each is cut.
 
     Attributes in `coded` are fields.
     """
@@ -213,7 +213,7 @@ def _cut_specs(prim: Any, kept: set[tuple[str, Any]], coded: Collection[str]) ->
 
 
 def _cut(spec: Any, kind: str, known: dict[bytes, tuple[str, str]]) -> tuple[str, str] | None:
-    """Cut the values of a spec; return which array of the object they were, if they were one."""
+    """Cut the values of a spec; return the array of the object that held the same values, if there was one."""
     samples = spec.layer.ListTimeSamplesForPath(spec.path)
     first = spec.layer.QueryTimeSample(spec.path, samples[0]) if samples else spec.default
     if kind == "gone":
@@ -238,9 +238,9 @@ def _cut(spec: Any, kind: str, known: dict[bytes, tuple[str, str]]) -> tuple[str
 
 
 def _cut_samples(spec: Any, fields: StoredFields, name: str, number: int) -> Iterator[tuple[Any, ...]]:
-    """Replace samples that a field gives again; yield type, time code, time [s] and number of rows of each.
+    """Replace samples that a field restores; yield type, time code, time [s] and number of rows of each.
 
-    Each becomes one number, 0, 1, 2...: if all were the same, the attribute would be read as one that does not change.
+    Each sample becomes one number, 0, 1, 2...: if all were equal, the attribute would be read as constant.
     """
     for index, code in enumerate(spec.layer.ListTimeSamplesForPath(spec.path)):
         stored = spec.layer.QueryTimeSample(spec.path, code)
@@ -255,7 +255,7 @@ def _cut_samples(spec: Any, fields: StoredFields, name: str, number: int) -> Ite
 
 
 def _set(spec: Any, values: Any) -> None:
-    """Replace the one value of a spec."""
+    """Replace the only value of a spec."""
     samples = spec.layer.ListTimeSamplesForPath(spec.path)
     if samples:
         spec.layer.SetTimeSample(spec.path, samples[0], values)
@@ -264,7 +264,7 @@ def _set(spec: Any, values: Any) -> None:
 
 
 def _typed(spec: Any, values: NDArray[Any]) -> Any:
-    """Return an array as the type of a spec."""
+    """Return an array converted to the type of a spec."""
     return type(spec.typeName.defaultValue).FromNumpy(np.ascontiguousarray(values))
 
 

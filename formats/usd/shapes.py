@@ -37,7 +37,7 @@ from pdecodec.mesh.sequence import MAX_INDEX, Connectivity
 SUBDIVISION_SCHEMES = {"catmullClark": "catmull-clark", "loop": "loop", "bilinear": "bilinear"}
 """USD's names of subdivision schemes, and pdecodec's."""
 
-_OF_SURFACES = (GROUP, MATERIAL, NORMAL_GROUP)
+_SURFACE_ATTRIBUTES = (GROUP, MATERIAL, NORMAL_GROUP)
 """Attributes that the surface of tetrahedra keeps."""
 
 
@@ -200,7 +200,9 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     connectivity, order = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
     extras = read_extras(prim, connectivity, order, scan.span(prim), moves=_moves(tets, skinning), at=at)
     # Data of elements belong to the tetrahedra, not to their surface; only sets of faces are kept.
-    inner = [one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _OF_SURFACES]
+    inner = [
+        one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _SURFACE_ATTRIBUTES
+    ]
     extras.attributes = [one for one in extras.attributes if not any(one is other for other in inner)]
     of_cells = [one for one in extras.fields if one.field.domain in ("face", "corner")]
     extras.fields = [one for one in extras.fields if one not in of_cells]

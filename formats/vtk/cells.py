@@ -1,13 +1,6 @@
-"""Turn finite elements into faces and lines: solids into their surface, curved elements into borders with edge nodes.
+"""Turn finite elements into faces and lines: solids into their surfaces, curved elements into borders with edge nodes.
 
-If solids are kept, all elements are kept besides, as cells, and so are all nodes (:class:`pdecodec.Connectivity`).
-
-Nodes keep their order. Nodes that are neither on the surface nor on a line are left out, and the attribute ``node``
-holds the numbers of the others.
-
-Corners and edges are numbered as in Exodus. VTK numbers the upright edges of hexahedra and wedges after those on
-top, not before. VTK's documents and programs disagree on the orientation of wedges: if all solids of a kind together
-have a negative volume, all of them are reversed.
+If solids are kept, all elements are also kept as cells, and all nodes are kept (:class:`pdecodec.Connectivity`).
 """
 
 from __future__ import annotations
@@ -26,20 +19,20 @@ from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import CELL_SHAPES, FEWEST_NODES, Attribute, Connectivity
 
 Solids = Literal["surface", "keep"]
-"""What becomes of solids."""
+"""How solids are read: as their surface, or as cells too."""
 
 BLOCK = "block"
-"""Attribute of cells: the block of elements that each belongs to, by name."""
+"""Attribute of cells: the name of the block of elements that each cell belongs to."""
 
 NODE = "node"
-"""Vertex attribute, int32: number of the node that each vertex was in the file."""
+"""Vertex attribute, int32: the number that each vertex had in the file as a node."""
 
 _Edges = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """Corners of a kind of cell, its faces, counterclockwise seen from outside, and its edges."""
+    """Corners of a kind of cell, its faces (counterclockwise seen from outside), and its edges."""
 
     corners: int
     faces: tuple[tuple[int, ...], ...]
@@ -92,7 +85,7 @@ EXODUS_PLACES: Mapping[tuple[str, int], Int64Array] = {
     ("hexahedron", 24): np.array([*range(12), 16, 17, 18, 19, 12, 13, 14, 15, *range(20, 24)]),
     ("hexahedron", 27): np.array([*range(12), 16, 17, 18, 19, 12, 13, 14, 15, 23, 24, 25, 26, 21, 22, 20]),
 }
-"""Places that the nodes of VTK's cells have in cells of Exodus, where they differ."""
+"""Places in Exodus' cells of the nodes of VTK's cells, where they differ."""
 
 
 class Cells:
@@ -161,7 +154,7 @@ class Cells:
             self._faces.append((nodes, numbers))
 
     def add_polygons(self, counts: NDArray[np.integer], nodes: NDArray[np.integer]) -> None:
-        """Add polygons of different sizes, of which `nodes` holds the borders one after the other.
+        """Add polygons of different sizes; `nodes` holds their borders one after the other.
 
         Raises
         ------
@@ -272,7 +265,7 @@ class Cells:
         return found
 
     def _sides(self, kind: str, nodes: int) -> list[tuple[list[int], list[int]]]:
-        """Return the corners of each side of a solid, and the nodes along the border of that side."""
+        """Return for each side of a solid its corners and the nodes along its border."""
         shape = _SOLIDS[kind]
         edges: Sequence[tuple[int, int]] = shape.edges
         if self._vtk and kind in ("wedge", "hexahedron"):
@@ -310,8 +303,8 @@ def is_kind(cells: Connectivity, shape: str, nodes: int) -> NDArray[np.bool_]:
 def only_known_cells(
     cells: Connectivity, title: str, known: Collection[tuple[str, int]]
 ) -> tuple[Connectivity, tuple[str, ...]]:
-    """Return cells of which those of unknown kinds keep their corners alone, and a line about them; polylines and
-    polygons have any number of nodes.
+    """Return cells, and a line about cells of unknown kinds, which keep only their corners. Polylines and
+    polygons may have any number of nodes.
     """
     is_known = np.isin(cells.cell_shapes, [CELL_SHAPES.index(shape) for shape in ("polyline", "polygon")])
     for kind in known:

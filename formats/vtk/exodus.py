@@ -66,14 +66,18 @@ _SETS = (
     ("side sets", "ss_names", r"elem_ss(\d+)"),
     ("element attributes", "", r"attrib(\d+)"),
 )
-"""Kinds of parts that are not kept: the array that has their names, if any, and arrays that each has one of."""
+"""Kinds of parts that are not kept: the array that has their names, if any, and the arrays of which each part
+has one.
+"""
 
 _KNOWN = re.compile(
     r"coord[xyz]?|coor_names|connect\d+|time_whole|time_step|four|(num|len)_\w+|(eb|ns|ss)_(names|status|prop\d+)"
     r"|(node|dist_fact)_ns\d+|(elem|side|dist_fact)_ss\d+|attrib(_name)?\d+|\w+_var_tab|name_\w+_var|vals_\w+"
     r"|(node|elem)_num_map|elem_map|ebepecnt\d+|info_records|qa_records"
 )
-"""Names of arrays that are read, and of those that describe what :data:`_VARIABLES` and :data:`_SETS` name."""
+"""Names of arrays that are read, and of arrays that describe the items named in :data:`_VARIABLES` and
+:data:`_SETS`.
+"""
 
 PROGRAM = "pdecodec"
 """Name of the program in the records of files that we write."""
@@ -176,11 +180,11 @@ class ExodusSequence(MeshSequence):
     def _find_fields(
         self, times: Float64Array, axes: int, used: Sequence[str], spans: Mapping[int, slice], owners: Int64Array | None
     ) -> dict[str, list[str]]:
-        """Keep the variables on nodes and faces as fields, and return the names of all that are kept, by kind.
+        """Keep the variables on nodes and faces as fields, and return the names of all kept variables, by kind.
 
-        An element variable belongs to the faces of its elements, whose numbers are `owners`, or to its elements if
-        these are kept as cells; those of blocks that lack it are NaN. Variables that move the mesh are in `used`, and
-        are no fields.
+        An element variable becomes a field of the faces of its elements (numbered by `owners`), or of the elements
+        if these are kept as cells; elements of blocks without the variable get NaN. Variables in `used` move the
+        mesh, and do not become fields.
         """
         self.stored: dict[str, StoredField] = {}
         kept = {"nodal variables": list(used), "element variables": list[str]()}
@@ -308,9 +312,9 @@ class ExodusSequence(MeshSequence):
         return np.arange(1, len(self.rest) + 1)
 
     def _cells(self) -> tuple[Cells, dict[int, slice]]:
-        """Return the elements, and which of them each block has."""
+        """Return the elements, and the range of elements of each block."""
         cells, spans = Cells(solids=self.solids), dict[int, slice]()
-        # A block without elements has no such variable, but the next one may.
+        # A block without elements has no such variable, but later blocks may have one.
         numbers = sorted(int(key[7:]) for key in self.variables if re.fullmatch(r"connect\d+", key))
         for number in numbers:
             block = self.variables[f"connect{number}"]

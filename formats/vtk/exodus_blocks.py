@@ -15,7 +15,7 @@ from pdecodec.mesh.arrays import Int32Array, Int64Array
 from pdecodec.mesh.sequence import CELL_SHAPES, Connectivity, MeshObject, MeshSequence
 
 MAX_RUNS = 1024
-"""Largest number of blocks that groups of faces are divided into only to keep the order of faces."""
+"""Largest number of blocks into which groups of faces are divided only to keep the order of faces."""
 
 MAX_NAME_BYTES = 255
 """Longest name that netCDF can hold [bytes]."""
@@ -50,7 +50,7 @@ class Block:
 
 
 def element_blocks(sequence: MeshSequence) -> tuple[list[Block], tuple[str, ...], bool]:
-    """Return the blocks of elements, notices about what they lose, and whether groups of faces are among their names.
+    """Return the blocks of elements, notices about losses, and whether blocks are named after groups of faces.
 
     Faces keep their order: those of an object, or of a group (attribute ``group``), that follow each other are a block
     of triangles, of quads, or of polygons if their sizes differ. Lines follow the faces, point by point or in segments.
@@ -94,7 +94,7 @@ def element_blocks(sequence: MeshSequence) -> tuple[list[Block], tuple[str, ...]
 
 
 def _name_notices(sequence: MeshSequence, names: Sequence[tuple[str, str]], fate: str) -> list[str]:
-    """Return notices about names of objects, and about those of blocks: pairs of the wanted and the given name."""
+    """Return notices about names of objects, and about names of blocks: pairs of the wanted and the given name."""
     told = []
     if len(sequence.objects) > 1 or sequence.objects[0].name != "mesh":
         told.append(f"Exodus has no objects: they are joined into one mesh, and {fate}")
@@ -114,7 +114,7 @@ _ORDERS = {("polyline", 3): np.array([0, 2, 1])} | {kind: np.argsort(own) for ki
 
 
 def cell_blocks(sequence: MeshSequence, cells: Connectivity) -> tuple[list[Block], tuple[str, ...]]:
-    """Return the blocks of the cells of a sequence, and notices about what they lose.
+    """Return the blocks of the cells of a sequence, and notices about losses.
 
     Cells that follow each other are a block if they have one kind and one name (attribute ``block``); if these blocks
     were too many, all cells of one kind and name.
@@ -200,5 +200,5 @@ def _segments(counts: Int32Array, indices: Int32Array) -> Iterator[Int32Array]:
 
 
 def fitting(name: str, room: int = 0) -> str:
-    """Return a name that netCDF can hold: cut off at :data:`MAX_NAME_BYTES`, `room` bytes before."""
+    """Return a name that netCDF can hold: cut off at :data:`MAX_NAME_BYTES` less `room` bytes."""
     return name.encode()[: MAX_NAME_BYTES - room].decode(errors="ignore")

@@ -1,4 +1,4 @@
-"""Copy an Exodus file with another motion: what stays are all arrays but coordinates, displacements, times, fields."""
+"""Copy an Exodus file with another motion: all arrays stay except coordinates, displacements, times and fields."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import MeshSequence
 
 FLAT = 1e-6
-"""Largest motion along an axis without displacements that is not told, relative to the largest coordinate."""
+"""Largest motion along an axis without displacements that is not reported, relative to the largest coordinate."""
 
 
 def write_exodus_onto(
@@ -81,12 +81,12 @@ def write_exodus_onto(
 
 
 def has_no_rest(original: ExodusSequence) -> bool:
-    """Return whether a file's coordinates were cut out of it."""
+    """Return whether coordinates were removed from a file."""
     return original.variables.is_cut and not original.rest.any()
 
 
 def _fields_to_write(sequence: MeshSequence, original: ExodusSequence) -> dict[str, StoredField]:
-    """Return the original's fields that a sequence has, too."""
+    """Return those fields of the original that a sequence has too."""
     ours = {one.name: one for one in sequence.fields}
     return {
         name: stored
@@ -98,7 +98,7 @@ def _fields_to_write(sequence: MeshSequence, original: ExodusSequence) -> dict[s
 def _write_constant(
     original: ExodusSequence, new: Any, rest: NDArray[np.float64], steps: Int64Array | None, moving: set[str]
 ) -> list[str]:
-    """Write all arrays but those of `moving` and times; return the names of those with values at steps."""
+    """Write all arrays except times and those in `moving`; return the names of arrays with values for each step."""
     held = []
     for name in original.variables:
         old = original.variables[name]

@@ -40,7 +40,7 @@ _NUMBERED = re.compile(r"(?P<base>.+)_(?P<number>[1-9]\d*)", re.DOTALL)
 
 
 def component_names(name: str, components: int) -> list[str]:
-    """Return the names of the variables of a field, of which :func:`gathered` makes one field again."""
+    """Return the names of the variables that store a field; :func:`gathered` joins them to one field again."""
     if components == 1:
         return [name]
     pairs = next((one for one in _TENSORS[:2] if len(one) == components), None)
@@ -93,9 +93,9 @@ def displacements(vectors: Mapping[str, Mapping[int, int]], axes: int) -> list[s
 def gathered(names: Sequence[str], axes: int) -> dict[str, list[int]]:
     """Return the numbers of variables, from 1, by the names of the vectors and tensors that they form.
 
-    A tensor is taken as one only with exactly the components of one of :data:`_TENSORS`, a vector with one for every
-    axis; variables numbered from 1 without a gap are one field. Other variables stand alone. A name that is taken
-    already gets a number. Variables without names are left out.
+    Variables form a tensor only if they are exactly the components of one of :data:`_TENSORS`, and a vector only if
+    there is one for every axis. Variables numbered from 1 without a gap form one field. Other variables stand alone.
+    A name that is taken already gets a number. Variables without names are left out.
     """
     tensors: dict[tuple[str, bool], tuple[str, dict[str, int]]] = {}
     for number, name in enumerate(names, 1):
@@ -136,7 +136,7 @@ def gathered(names: Sequence[str], axes: int) -> dict[str, list[int]]:
 
 @dataclass(frozen=True)
 class Part:
-    """Rows of a field that one array (steps, values) has for each component.
+    """Rows of a field whose components are stored in one array (steps, values) each.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ class StoredField:
     parts: Sequence[tuple[Part, tuple[Any, ...]]]
 
     def read(self, start: int, stop: int, rows: int, fill: Callable[[Any], float]) -> NDArray[Any]:
-        """Return the values (frames, rows[, components]); those that were never written, as `fill`, are NaN."""
+        """Return the values (frames, rows[, components]); values equal to `fill` were never written, and become NaN."""
         shape = stop - start, rows, self.field.components
         values = np.full(shape, missing_value(self.field.dtype), self.field.dtype)
         for part, arrays in self.parts:

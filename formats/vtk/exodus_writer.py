@@ -47,7 +47,7 @@ def write_exodus(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
     numbers = _numbers_of_nodes(sequence)
     with output.whole_file() as partial, new_netcdf(partial) as file:
         first = sequence.read_frames(0, 1)[0].astype(np.float64)
-        rest = np.where(np.isfinite(first), first, 0.0)  # values that are not finite are left to the displacements
+        rest = np.where(np.isfinite(first), first, 0.0)  # displacements carry values that are not finite
         _write_header(file, sequence, [*nodal.names, *elemental.names, *(block.name for block in blocks)])
         _write_nodes(file, rest, numbers)
         _write_blocks(file, blocks)
@@ -112,7 +112,9 @@ def _write_header(file: NetcdfWriter, sequence: MeshSequence, names: Sequence[st
 
 
 def _numbers_of_nodes(sequence: MeshSequence) -> Int32Array | None:
-    """Return the numbers that nodes had in the file that they come from; None if they have none, or equal ones."""
+    """Return the numbers that nodes had in the file they were read from; None if they are unknown, or equal for
+    two nodes.
+    """
     found = [one.values for one in sequence.objects[0].attributes if one.name == NODE and one.domain == "vertex"]
     if len(sequence.objects) > 1 or not found or found[0].min() < 1 or np.unique(found[0]).size < found[0].size:
         return None
@@ -155,7 +157,7 @@ def _write_blocks(file: NetcdfWriter, blocks: Sequence[Block]) -> None:
 
 
 class _Variables:
-    """The variables of the components of fields, numbered after those that are there already.
+    """The variables for the components of fields, numbered after the existing ones.
 
     Attributes
     ----------
@@ -181,7 +183,7 @@ class _Variables:
             if numbers & set(range(first, first + len(names))):
                 own = f"field_{own}"
             first += len(names)
-            # All components change their names together, so that they stay one field; readers join them in any case.
+            # All components change their names together, so that readers still join them to one field.
             base = own = fitting(own, room=_END_BYTES)
             number, key = 1, str.lower if len(names) > 1 else str
             while {*map(key, taken)} & {*map(key, found := component_names(own, len(names)))}:
@@ -201,7 +203,9 @@ class _Variables:
     def add(
         self, file: NetcdfWriter, array: str, dimension: str, owner: int | None = None
     ) -> dict[tuple[str, int], Any]:
-        """Return new arrays for the variables of fields, by field and component; `owner` is an object that has them."""
+        """Return new arrays for the variables of fields, by field and component. If `owner` is given, only for
+        fields of that object.
+        """
         found, number = {}, self._before
         for one in self.fields:
             has_it = owner is None or one.field.objects is None or owner in one.field.objects
@@ -216,7 +220,7 @@ class _Variables:
 def _add_element_variables(
     file: NetcdfWriter, variables: _Variables, blocks: Sequence[Block]
 ) -> dict[tuple[str, int], list[tuple[slice | Int64Array, Any]]]:
-    """Return new arrays by field and component, each with the faces that it has, and write which blocks have which."""
+    """Return new arrays by field and component, each with its faces, and write which blocks have which variables."""
     found: dict[tuple[str, int], list[tuple[slice | Int64Array, Any]]] = {}
     if not variables.names:
         return found

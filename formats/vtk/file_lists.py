@@ -1,4 +1,6 @@
-"""Read VTK and ParaView files that list others: parts of a data set (PVTU, PVTP, VTM), time steps (PVD, .series)."""
+"""Read VTK and ParaView files that list other files: parts of a data set (PVTU, PVTP, VTM), time steps (PVD,
+.series).
+"""
 
 from __future__ import annotations
 
@@ -144,7 +146,9 @@ def _by_time(entries: Sequence[Entry], path: Path) -> tuple[list[float], list[li
 
 
 def named_files(path: Path) -> Iterator[Path]:
-    """Yield the files that a list names, and those that these name in turn; nothing for damaged lists."""
+    """Yield the files that a list names, and recursively the files named in lists among them; nothing for
+    damaged lists.
+    """
     scope, left, seen = FileScope(path), [path], {path}
     while left:
         one = left.pop()

@@ -47,12 +47,7 @@ def open_frame_files(
 ) -> MeshSequence:
     """Open files of VTK, one per frame: grids, polygonal data, legacy files, or lists of parts.
 
-    `displacement` names vectors on points that are added to them; `solids` says what becomes of solids.
-
-    Raises
-    ------
-    InputError
-        If frames are missing, or the first one cannot be used.
+    `displacement` names vectors on points that are added to positions; `solids` says how solids are read.
     """
     suffix = path.suffix.lower()
     if path.is_dir():

@@ -11,7 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.attribute_roles import joined_colors, lost_by_joining, main_color
+from pdecodec.formats.base.attribute_roles import joined_colors, joining_notices, main_color
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
@@ -121,7 +121,7 @@ class _Grid:
         def is_told_or_held(item: MeshObject, one: Attribute) -> bool:
             return self._normals.holds(item, one) or (_COLOR in replaced and one is main_color(item))
 
-        self.notices = lost_by_joining(sequence, "VTU", f"grid{numbers}", written_colors, is_told_or_held)
+        self.notices = joining_notices(sequence, "VTU", f"grid{numbers}", written_colors, is_told_or_held)
         self.notices += not_kept(replaced, "not kept, because fields have their names: {}")
         self.notices += (*self._fields.notices(), *corners_alone)
 

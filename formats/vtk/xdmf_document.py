@@ -64,7 +64,7 @@ class Document:
         return self._homes[element][0]
 
     def resolved(self, element: Element) -> Element:
-        """Return the element that an element refers to, or the element itself if it is no reference.
+        """Return the element that an element refers to, or the element itself if it is not a reference.
 
         Raises
         ------

@@ -48,7 +48,9 @@ class Step:
 
 @dataclass
 class Timeline:
-    """Steps that are read from a document, notices about the rest, and the steps of other collections."""
+    """The time steps that are read from a document, notices about all other grids, and the steps of other
+    collections.
+    """
 
     steps: list[Step]
     notices: list[str] = field(default_factory=list)
@@ -105,7 +107,8 @@ class Grids:
         return Timeline(steps, lost, [step for _, others in rest for step in others])
 
     def _with_attributes(self, steps: Sequence[Step], others: Sequence[Step]) -> list[Step] | None:
-        """Return steps with the attributes of others, too; None unless these have the same times and meshes.
+        """Return steps with the attributes of other steps added; None unless these have the same times and
+        meshes.
 
         Programs of finite elements write a temporal collection for each function.
         """
@@ -125,7 +128,7 @@ class Grids:
         return found
 
     def _is_same(self, mine: Element, other: Element) -> bool:
-        """Return whether two elements hold the same data; nothing is read for that."""
+        """Return whether two elements refer to the same data, without reading the data."""
         return mine is other or (mine.attrib == other.attrib and self._items.key(mine) == self._items.key(other))
 
     def _steps(self, grid: Element, inherited: float | None) -> list[Step]:

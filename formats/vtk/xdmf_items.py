@@ -21,7 +21,7 @@ from pdecodec.formats.vtk.xdmf_document import Document, Element
 from pdecodec.system.reading import read_at_most
 
 _JOIN = re.compile(r"JOIN\(\s*(?P<parts>\$\d+(?:\s*[,;]\s*\$\d+)*)\s*\)", re.IGNORECASE)
-"""The function that makes items the columns of one array."""
+"""Pattern of the function that joins items as the columns of one array."""
 
 _KINDS = {"FLOAT": "f", "INT": "i", "UINT": "u", "CHAR": "i", "UCHAR": "u", "SHORT": "i", "USHORT": "u"}
 """NumPy's kinds of numbers by NumberType."""
@@ -61,7 +61,7 @@ class Items:
         return self._document.children(element, "DataItem")
 
     def only(self, element: Element) -> NDArray[Any]:
-        """Return the values of the only DataItem of an element; InputError if there are none or several."""
+        """Return the values of an element's only DataItem; InputError if it has none or several."""
         found = self.of(element)
         if len(found) != 1:
             name = element.get("Name", "")
@@ -294,7 +294,7 @@ def _parsed(words: Sequence[str], item: Element) -> NDArray[Any]:
 
 
 def _selection(start: Sequence[int], stride: Sequence[int], count: Sequence[int]) -> Selection:
-    """Return slices that end just after the last value taken, so that `stop` shows how far they reach."""
+    """Return slices that end just after the last selected value, so that `stop` is the least size of the whole."""
     if min(*start, *count, 0) < 0 or min(stride) < 1:
         raise ValueError("a part of an array begins before the array")
     return tuple(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.formats.arrays.hdf5 import new_hdf5
-from pdecodec.formats.base.attribute_roles import lost_by_joining
+from pdecodec.formats.base.attribute_roles import joining_notices
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
@@ -56,7 +56,7 @@ def write_xdmf(sequence: MeshSequence, output: Output) -> tuple[str, ...]:
         (folder / path.name).write_text(_HEAD + "".join(rows) + _TAIL, encoding="utf-8")
         publish(folder, [data_path.name, path.name], overwrite=output.overwrite)
     return (
-        *lost_by_joining(sequence, "XDMF", "grid", held=normals.holds),
+        *joining_notices(sequence, "XDMF", "grid", held=normals.holds),
         *not_kept([_NORMALS] * (normals.held and is_replaced), "not kept, because fields have their names: {}"),
         *fields.notices(),
         *corners_alone,

@@ -37,7 +37,7 @@ TYPES = {
 """NumPy's names of number types by VTK's names."""
 
 GHOSTS, _HIDDEN_BITS = "vtkGhostType", 1 | 32
-"""Cell data that mark cells that another part has too (1) or that are hidden (32): both are left out."""
+"""Cell data that mark cells that are left out: cells that another part has too (1), and hidden cells (32)."""
 
 XML_DAMAGE = (ArithmeticError, AttributeError, LookupError, OSError, SyntaxError, TypeError, ValueError, zlib.error)
 """Exceptions of ElementTree, base64, zlib and NumPy on damaged or missing parts."""
@@ -124,7 +124,7 @@ class XmlFile:
             )
         vertices, lines, faces = (self._cells(piece.find(kind)) for kind in ("Verts", "Lines", "Polys"))
         joined = (np.concatenate(both) for both in zip(vertices, lines, strict=True))
-        # Cell data are those of vertices, lines and faces, in this order.
+        # Cell data are stored for vertices, lines and faces, in this order.
         others = slice(len(vertices[0]) + len(lines[0]), None)
         stored = self._stored(data, "vertex") | self._stored(cell_data, "face", others)
         notices: tuple[str, ...] = ()
@@ -138,7 +138,7 @@ class XmlFile:
     def _stored(
         self, arrays: list[ElementTree.Element], domain: FieldDomain, rows: Any = None
     ) -> dict[DataKey, StoredData]:
-        """Return data on points or cells, all or some rows of them, by name; text is left out."""
+        """Return all or selected rows of data on points or cells, by name; text is left out."""
         found: dict[DataKey, StoredData] = {}
         for one in arrays:
             if one.get("Name") == GHOSTS or str(one.get("type")) not in TYPES:
@@ -155,7 +155,7 @@ class XmlFile:
             raise damaged(f"its data {array.get('Name')!r} are damaged ({error}); export it again") from error
 
     def _data(self, array: ElementTree.Element) -> NDArray[Any]:
-        """Return point data named `wanted`; for others an empty array of the same type and number of components."""
+        """Return point data named `wanted`; for other data an empty array of the same type and number of components."""
         width = int(array.get("NumberOfComponents", "1"))
         if str(array.get("Name")) == self._wanted:
             return self._array(array).reshape(-1, width)

@@ -98,8 +98,8 @@ class PaperSettings:
     r: float | None = None
 
     def __post_init__(self) -> None:
-        _settle(self, ("segment_frames", "piece_points"), int, Integral, "a whole number")
-        _settle(self, ("alpha", "r"), float, Real, "a number")
+        _convert_numbers(self, ("segment_frames", "piece_points"), int, Integral, "a whole number")
+        _convert_numbers(self, ("alpha", "r"), float, Real, "a number")
         as_integer(self.segment_frames, "segment_frames", 2, MAX_SEGMENT_FRAMES)
         if self.piece_points is not None and self.piece_points < 2:
             raise SettingsError(f"must be at least 2, not {shown(self.piece_points)}", setting="piece_points")
@@ -109,7 +109,7 @@ class PaperSettings:
                 raise SettingsError(f"must be above 0 and at most {MAX_RATE:g}, not {value}", setting=name)
 
 
-def _settle(settings: object, names: tuple[str, ...], kind: type, taken: type, what: str) -> None:
+def _convert_numbers(settings: object, names: tuple[str, ...], kind: type, taken: type, what: str) -> None:
     """Convert numbers of other libraries to Python's own, because the file records settings as JSON."""
     for name in names:
         value = getattr(settings, name)
@@ -189,14 +189,14 @@ class EncodeSettings:
     def __post_init__(self) -> None:
         check_one_target({"tolerance": self.tolerance, "max_error": self.max_error})
         names = ("tolerance", "max_error", "uv_tolerance", "field_tolerance")
-        _settle(self, names, float, Real, "a number")
+        _convert_numbers(self, names, float, Real, "a number")
         object.__setattr__(self, "fields", _checked_fields(self.fields))
-        _settle(self, ("why",), bool, np.bool_, "True or False")
+        _convert_numbers(self, ("why",), bool, np.bool_, "True or False")
         for name in names:
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise SettingsError(f"must be a positive number, not {value}", setting=name)
-        _settle(self, ("group_frames", "max_memory"), int, Integral, "a whole number")
+        _convert_numbers(self, ("group_frames", "max_memory"), int, Integral, "a whole number")
         if self.group_frames is not None and self.group_frames < 2:
             raise SettingsError(f"must be at least 2, not {shown(self.group_frames)}", setting="group_frames")
         for name, instead in (("group_frames", "is segment_frames"), ("max_memory", "takes short segments anyway")):

@@ -122,9 +122,9 @@ def _constraints(positions: Float64Array, curves: Int32Array, options: CubeRopeO
 def _substeps(options: CubeRopeOptions) -> int:
     """Return the number of substeps at 24 frames per second.
 
-    XPBD leaves the second derivative of constraints out of its matrix. A taut chain of links of mass ``m`` and
-    length ``l`` under the tension ``T`` is therefore explicit across itself: it needs substeps shorter than ``sqrt(m
-    l / T)``.
+    XPBD leaves the second derivative of constraints out of its matrix, so the sideways motion of a taut chain is
+    integrated explicitly. With links of mass ``m`` and length ``l`` under the tension ``T``, this needs substeps
+    shorter than ``sqrt(m l / T)``.
     """
     spacing = options.length / (options.rings - 1)
     shortest = math.sqrt(0.5 * spacing / (END_PULL_RATIOS[options.hold] * STANDARD_GRAVITY * options.rings))

@@ -153,7 +153,7 @@ def corpus_report(
     ]
     sections = [Section("The table", "", tuple(tables))]
     if plan.baselines:
-        sections.append(Section("Compared with the best of the other methods", "", (_beside_baselines(points, plan),)))
+        sections.append(Section("Compared with the best of the other methods", "", (_against_baselines(points, plan),)))
     if between:
         sections.append(Section("Between frames", "", (_between_clips(between),)))
     sections += fields_section(fields)
@@ -239,7 +239,7 @@ def _summary(points: Sequence[Measurement], plan: ReportPlan, reference: float) 
     return f"{said} Bytes over those of the best other method, geometric means: {', '.join(means)}."
 
 
-def _beside_baselines(points: Sequence[Measurement], plan: ReportPlan) -> Figure:
+def _against_baselines(points: Sequence[Measurement], plan: ReportPlan) -> Figure:
     rows = [
         (point.clip, tolerance, point.bpvf, best.coder, best.bpvf, share)
         for tolerance in plan.tolerances

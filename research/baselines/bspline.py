@@ -80,7 +80,9 @@ class BSpline(Transform[Controls]):
         @cache
         def error_of(interval: int, choice: int) -> float:
             """Return the largest error before rounding."""
-            found = _in_between(_evaluate(fit(choice)[_keys(frames, interval)], curves, choice), frames, interval)
+            found = _interpolate_frames(
+                _evaluate(fit(choice)[_keys(frames, interval)], curves, choice), frames, interval
+            )
             return math.sqrt(float(np.einsum("fvk,fvk->fv", found - along, found - along).max()))
 
         def round_to(length: float) -> Controls:
@@ -122,7 +124,7 @@ class BSpline(Transform[Controls]):
         controls: Float64Array = np.ascontiguousarray(quantised.points).astype(np.float64) * quantised.step
         points = np.empty((quantised.frames, connectivity.vertex_count, 3), np.float32)
         found = _evaluate(controls, curves, quantised.choice)
-        points[:, curves.order] = _in_between(found, quantised.frames, quantised.interval)
+        points[:, curves.order] = _interpolate_frames(found, quantised.frames, quantised.interval)
         return points
 
 
@@ -193,7 +195,7 @@ def _keys(frames: int, interval: int) -> Int64Array:
     return keys if keys[-1] == frames - 1 else np.append(keys, frames - 1)
 
 
-def _in_between(kept: Float64Array, frames: int, interval: int) -> Float64Array:
+def _interpolate_frames(kept: Float64Array, frames: int, interval: int) -> Float64Array:
     """Interpolate positions at all frames linearly from the kept ones."""
     if interval == 1:
         return kept

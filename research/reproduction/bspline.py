@@ -99,7 +99,7 @@ READINGS: dict[str, tuple[int, Callable[[Float64Array], Float64Array]]] = {
     "least squares by arc length, fitted knots": (300, by_arc_length),
     "spline surface of 8 x 4 control points": (32, equal_numbers),
 }
-"""Readings by name, with the control points of a curve over all keyframes."""
+"""Readings of the paper's B-spline method: number of control points of a curve over all keyframes, and function."""
 
 
 def uniform_knots(count: int) -> Float64Array:

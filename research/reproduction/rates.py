@@ -140,10 +140,10 @@ def measure_model(rope: Rope, model: str, pieces: int, segments: int) -> Point:
             break
     plain = NUMBER_BYTES * constants.size
     points = as_points(decoded)
-    return Point(model, shape[0] * shape[1], plain, len(data), seconds, errors, unrounded, *of_mesh(rope, points))
+    return Point(model, shape[0] * shape[1], plain, len(data), seconds, errors, unrounded, *mesh_errors(rope, points))
 
 
-def of_mesh(rope: Rope, points: Float32Array) -> tuple[float, SurfaceDistortion]:
+def mesh_errors(rope: Rope, points: Float32Array) -> tuple[float, SurfaceDistortion]:
     """Return the error of Karni and Gotsman [%] of decoded positions, (frames, vertices, 3), and that of edges
     and normals.
     """
@@ -181,7 +181,7 @@ def measure_file(rope: Rope, name: str, settings: EncodeSettings) -> File:
     parts["header, times and remarks"] = report.file_bytes - sum(parts.values())
     counted = report.file_bytes - parts["connectivity and order"]
     return File(
-        Point(name, None, None, counted, seconds, errors, errors, *of_mesh(rope, points)), parts, settings.tolerance
+        Point(name, None, None, counted, seconds, errors, errors, *mesh_errors(rope, points)), parts, settings.tolerance
     )
 
 

@@ -47,7 +47,7 @@ class Coded:
     surface: SurfaceDistortion
 
 
-def coded(clip: ArraySequence, settings: EncodeSettings) -> Coded:
+def encode_and_measure(clip: ArraySequence, settings: EncodeSettings) -> Coded:
     """Encode, decode and measure a clip."""
     report = encode(clip, settings=settings)
     with open_animation(report.data or b"") as animation:
@@ -67,7 +67,7 @@ def stress_figure(side: int, frames: int) -> Figure:
     """Chart every hard clip with both profiles; most clips are a sheet of `side` by `side` vertices."""
     clips = {name: make(side, frames) for name, make in NASTY.items()}
     found = {
-        profile: {name: coded(clip, settings) for name, clip in clips.items()}
+        profile: {name: encode_and_measure(clip, settings) for name, clip in clips.items()}
         for profile, (settings, _) in PROFILES.items()
     }
     rows: list[tuple[Value, ...]] = []
@@ -186,7 +186,7 @@ def between_figure(side: int, samples: int) -> Figure:
 def distance_figure(side: int, frames: int, count: int) -> Figure:
     """Chart the same clip at growing distances from the origin."""
     offsets = np.geomspace(1.0, 1e7, count)
-    found = [coded(far_away(side, frames, offset), PROFILES["auto"][0]) for offset in offsets.tolist()]
+    found = [encode_and_measure(far_away(side, frames, offset), PROFILES["auto"][0]) for offset in offsets.tolist()]
     bits, errors = np.array([item.bits for item in found]), np.array([item.error for item in found])
     spacing = np.spacing(offsets.astype(np.float32)).astype(np.float64) / (TOLERANCE * np.sqrt(2.0))
 

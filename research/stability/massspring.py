@@ -75,8 +75,8 @@ class Chain:
         return float(kinetic + height + 0.5 * self.stiffness * (stretch**2).sum())
 
     @property
-    def fall(self) -> float:
-        """Weight times length [J], which exceeds what a fall from level to hanging can release."""
+    def weight_times_length(self) -> float:
+        """Weight times length [J], which exceeds what a weight_times_length from level to hanging can release."""
         return self.links * self.mass * STANDARD_GRAVITY * self.length
 
 
@@ -187,7 +187,10 @@ def largest_motion(method: str, chain: Chain, step: float, steps: int) -> float:
     """Return the largest kinetic energy at any step, divided by weight times length; infinite if the run diverged."""
     largest, done = 0.0, 0
     for _, velocities in run(method, chain, step, steps):
-        largest, done = max(largest, 0.5 * chain.mass * float((velocities**2).sum()) / chain.fall), done + 1
+        largest, done = (
+            max(largest, 0.5 * chain.mass * float((velocities**2).sum()) / chain.weight_times_length),
+            done + 1,
+        )
         if largest > DIVERGED_ENERGY:
             return float("inf")
     return largest if done == steps else float("inf")

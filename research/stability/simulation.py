@@ -51,7 +51,7 @@ def energy_figure(seconds: float, step: float) -> Figure:
     times = step * (1 + np.arange(steps))[::every]
     found: dict[str, Float64Array] = {}
     for method in METHODS:
-        values = [chain.energy(*state) / chain.fall for state in run(method, chain, step, steps)]
+        values = [chain.energy(*state) / chain.weight_times_length for state in run(method, chain, step, steps)]
         found[method] = np.array(values + [float("inf")] * (steps - len(values)))[::every]
 
     y = Axis("energy gained or lost, over weight times length", -0.4, 0.4)

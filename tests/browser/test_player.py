@@ -180,7 +180,7 @@ def test_a_file_at_an_address_is_read_group_by_group(tmp_path: Path) -> None:
 
 
 def moving_points(*, frames: int, vertices: int) -> pdecodec.ArraySequence:
-    """Return noise, which no model predicts, so that the file is large."""
+    """Return random positions, which no model predicts, so that the file is large."""
     random = np.random.default_rng(1)
     steps = random.normal(size=(frames, vertices, 3)).astype(np.float32)
     return pdecodec.ArraySequence(steps, times=np.arange(frames) / 24)

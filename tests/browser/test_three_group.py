@@ -119,7 +119,7 @@ def test_materials_and_uvs_follow_a_gltf_file(
         flip,
         named,
     )
-    # Faces without a material take that of the mesh with the object's name. Red has no namesake.
+    # Faces without a material take the material of the mesh that is named like the object. No mesh is named red.
     assert found["maps"] == [named == "strip", True, False]
     assert not any(found["colours"]), "the file has no colours"
     expected = np.reshape(found["before"], (-1, 2))

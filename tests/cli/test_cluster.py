@@ -37,7 +37,7 @@ CLIPS = 200
 
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[object]:
-    """Start two worker processes with one thread each, which are restarted when they end."""
+    """Start two worker processes with one thread each; a process that ends is restarted."""
     with (
         # The machine may be busy with other tests, so the time limits are minutes.
         dask.config.set({"distributed.comm.timeouts": {"connect": "120s", "tcp": "120s"}}),

@@ -51,8 +51,8 @@ def test_a_folder_imported_by_its_bare_name_says_which_name_to_use(name: str) ->
 
 
 def loaded_after(statement: str, names: Sequence[str] = HEAVY) -> set[str]:
-    """Return which of some modules, by default the heavy packages, are loaded after a statement in a new
-    interpreter.
+    """Return the modules that are loaded after a statement in a new interpreter; by default only heavy packages
+    are examined.
     """
     code = f"import json, sys\n{statement}\nprint(json.dumps([name for name in {names!r} if name in sys.modules]))"
     result = run_python("-c", code)

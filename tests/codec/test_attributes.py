@@ -69,11 +69,11 @@ def decoded_by_both(data: bytes, objects: list[MeshObject], levels: Int64Array) 
     found = decode_attributes(data, bare(objects), levels)
     meshes = meshes_of(bare(objects))
     read_attributes(data, meshes, levels.tolist())
-    assert_same_by_both(found, meshes)
+    assert_decoders_agree(found, meshes)
     return found
 
 
-def assert_same_by_both(ours: list[MeshObject], meshes: list[Mesh]) -> None:
+def assert_decoders_agree(ours: list[MeshObject], meshes: list[Mesh]) -> None:
     for item, mesh in zip(ours, meshes, strict=True):
         theirs = [
             Attribute(one.name, one.domain, one.values, one.indices and np.array(one.indices), tuple(one.labels))
@@ -198,7 +198,7 @@ def test_both_decoders_treat_any_bytes_alike(objects: list[MeshObject], data: by
             assert ours is None
         else:
             assert ours is not None
-            assert_same_by_both(ours, meshes)
+            assert_decoders_agree(ours, meshes)
 
 
 @pytest.mark.parametrize("is_soup", [False, True])

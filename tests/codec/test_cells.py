@@ -143,7 +143,7 @@ def test_a_large_cell_of_few_nodes_takes_no_longer_than_others() -> None:
     part = cells_of(3, [(2, nodes.tolist())])
     start = process_time()
     assert decoded(encode_cells([part]), [part])[0].same_as(part)
-    assert process_time() - start < 10  # a minute or more if each node were searched for among those before it
+    assert process_time() - start < 10  # it takes over a minute if each node is searched for among all previous nodes
 
 
 def test_damaged_cells_are_refused() -> None:

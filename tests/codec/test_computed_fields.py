@@ -113,7 +113,9 @@ def test_candidates_are_compared_with_files_of_what_they_need(monkeypatch: pytes
     monkeypatch.setattr(computed, "container_pieces", pieces)
     report = pdecodec.encode(wave(), fields={"force": "exact"}, max_error=1e-4, field_tolerance=1e-2)
     stored = {one.name: one.bytes for one in report.fields if one.bytes}
-    assert sorted(sizes) == sorted([0, *stored.values()])  # the motion once, and each field that gives others
+    assert sorted(sizes) == sorted(
+        [0, *stored.values()]
+    )  # the sizes of the motion, counted once, and of each stored field from which others are computed
 
 
 def test_cut_and_joined_files_keep_computed_values_to_the_last_bit(coded: Path, tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ SOUND = pdecodec.encode(CLIP, effort="fast").data or b""
 PARTS = take_apart(SOUND)
 
 MAX_SECTIONS = 64
-"""A larger number of sections can only be damage."""
+"""Largest number of sections: a larger one means damage."""
 
 
 class Declared(Part):

@@ -1,4 +1,4 @@
-"""Discontinuities in time are found, and nothing else is; splines between frames end and begin there."""
+"""Discontinuities in time are found, and nothing else is taken for one; splines between frames begin and end there."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_starts_stops_and_bounces_are_no_jumps() -> None:
         np.minimum(frames, 9) * 1.0,
         np.abs(frames - 11.5),
         frames // 2 * 1.0,  # each position held for two frames
-        1.0 * (frames == 9),  # away in one frame and back in the next
+        1.0 * (frames == 9),  # moves away in one frame and back in the next
         np.clip((frames - 10) / 4, 0, 1) ** 2 * (3 - 2 * np.clip((frames - 10) / 4, 0, 1)),
     ):
         assert found_in(swinging(1) + np.multiply.outer(place, np.ones((40, 3)))) == []

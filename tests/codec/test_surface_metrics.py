@@ -110,7 +110,7 @@ def test_the_temporal_part_is_the_spread_of_steps_in_a_window() -> None:
     points[:, 1, 0] = 1
     line = Connectivity(2, line_counts=np.array([2], np.int32), line_indices=np.arange(2, dtype=np.int32))
     other = points.copy()
-    other[::2, :, 1] = 0.02  # all edges keep their length, so there is no spread
+    other[::2, :, 1] = 0.02  # all edges keep their length, so errors of length have no spread
     assert edge_difference(points, other, line, 1.0) == pytest.approx(0.0, abs=1e-7)
     other = points.copy()
     other[1:, :, 1] = 0.02  # one step of ten has an error

@@ -68,7 +68,10 @@ def test_every_command_that_opens_a_file_takes_limits_and_names_the_option_that_
     places = {"IN": str(animation), "PAPER": str(paper)}
     code = 4
     if (name, option) == ("decode", "--max-output"):
-        code, words = 3, "--max-output allows 1.0 kB; choose --frames or --object"  # of what is chosen, not of the file
+        code, words = (
+            3,
+            "--max-output allows 1.0 kB; choose --frames or --object",
+        )  # the size of the selected frames, not of the whole file
     assert run([name, *(places.get(one, one) for one in COMMANDS[name]), option, value]) == code
     line = capsys.readouterr().err
     assert words in line

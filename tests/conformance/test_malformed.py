@@ -163,7 +163,7 @@ def test_sections_cut_short_too_long_or_missing_are_refused(name: str) -> None:
             continue
         is_optional = part.kind in ("META", "ATTR")
         for size in range(0, len(part.content), 1 + len(part.content) // 12):
-            # META and ATTR may be empty. A truncated stream is rarely a valid one.
+            # META and ATTR may be empty. A truncated stream is seldom valid.
             cut = seal(with_section(parts, part.kind, part.content[:size]))
             is_sound = (size == 0 and is_optional) or (part.kind == "REST" and is_sound_elsewhere(cut))
             assert outcome(cut) == (SOUND if is_sound else CORRUPT), (part.kind, size)

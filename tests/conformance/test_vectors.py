@@ -1,4 +1,6 @@
-"""The vectors of the specification: accepted ones decode to the recorded bits, refused ones to the recorded error."""
+"""The vectors of the specification: accepted vectors decode to the recorded bits; refused vectors cause the
+recorded error.
+"""
 
 from __future__ import annotations
 

@@ -228,7 +228,7 @@ def _write_pdeanim(sequence: MeshSequence, path: str) -> None:
     encode(sequence, path, tolerance=1e-6)
 
 
-_EVERY = tuple(ATTRIBUTES)
+_ALL_ATTRIBUTES = tuple(ATTRIBUTES)
 
 _SCENE = (
     *("uv seam", "uv second", "uv own", "uv shared", "edges", "color", "color bytes", "color faces", "group"),
@@ -250,16 +250,16 @@ _OF_TWO = tuple(name for name in SHAPES if name not in ("lines that share", "fac
 
 _DOMAINS = ("vertex", "face", "corner", "object")
 
-_CACHE = partial(Holds, write=_write_cache, read=_of_cache, names="all", attributes=_EVERY, empty=True)
+_CACHE = partial(Holds, write=_write_cache, read=_of_cache, names="all", attributes=_ALL_ATTRIBUTES, empty=True)
 _ONE = partial(Holds, names="one", metadata=False)
 _COUNTED = partial(_ONE, times="counted", runs=True)
 _READ = partial(_COUNTED, written=False)
 
 CONTRACT = (
-    Holds(file="x.npz", names="all", attributes=_EVERY, fields=_DOMAINS, empty=True),
-    Holds(file="x.h5", names="all", attributes=_EVERY, fields=_DOMAINS, empty=True),
-    Holds(file="x.pdeanim", write=_write_pdeanim, written=False, names="all", attributes=_EVERY, runs=True, empty=True,
-          infinite=False, error=3e-6),
+    Holds(file="x.npz", names="all", attributes=_ALL_ATTRIBUTES, fields=_DOMAINS, empty=True),
+    Holds(file="x.h5", names="all", attributes=_ALL_ATTRIBUTES, fields=_DOMAINS, empty=True),
+    Holds(file="x.pdeanim", write=_write_pdeanim, written=False, names="all", attributes=_ALL_ATTRIBUTES, runs=True,
+          empty=True, infinite=False, error=3e-6),
     _CACHE(file="x.mdd"),
     _CACHE(file="x.pc2", times="counted"),
     Holds(file="x.abc", attributes=_ABC, fields=_DOMAINS, runs=True),

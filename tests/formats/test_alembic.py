@@ -158,7 +158,7 @@ def test_damaged_text_in_an_archive_is_one_line(tmp_path: Path) -> None:
 @pytest.mark.data
 def test_a_file_that_ends_the_library_is_one_line_where_it_is_isolated(shared_data: Path, tmp_path: Path) -> None:
     damaged = bytearray((shared_data / "interop" / "abc" / "rotatingCube.abc").read_bytes())
-    # The first random damage that ends this process with a segmentation fault.
+    # The first random damage that makes the library end this process with a segmentation fault.
     random = Random(39)
     for _ in range(random.randint(1, 8)):
         damaged[random.randrange(len(damaged))] = random.randrange(256)

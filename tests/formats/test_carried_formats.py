@@ -1,4 +1,4 @@
-"""Scenes of each format: encode, lose the original, decode: everything but the motion is as it was."""
+"""Scenes of each format: encode, delete the original, decode: everything except the motion is restored."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def decoded(tmp_path: Path, source: Path, name: str, **options: Any) -> tuple[Pa
             found = np.stack([read.read_frames(frame, frame + 1)[0] for frame in frames])
             ours, theirs = _by_name(animation, animation.read_frames(0, animation.frame_count)), _by_name(read, found)
             assert [name for name, _ in ours] == [name for name, _ in theirs]
-            # glTF has nodes and skins move rigid parts, within the bound.
+            # Nodes and skins of glTF move rigid parts, within the bound.
             more = (report.bound or 0) if name.endswith((".glb", ".gltf")) else 0
             for (_, expected), (_, points) in zip(ours, theirs, strict=True):
                 assert np.abs(points - expected).max() <= 2e-6 * np.abs(expected).max() + 1e-6 + more

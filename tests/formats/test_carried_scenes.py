@@ -1,4 +1,4 @@
-"""The scene around the motion in a `.pdeanim` file: what the commands say and pass on, and what hostile scenes do."""
+"""The scene that a `.pdeanim` file carries: what commands report and pass on, and the effects of hostile scenes."""
 
 from __future__ import annotations
 
@@ -303,7 +303,7 @@ def test_rigid_parts_of_a_gltf_scene_stay_small(tmp_path: Path) -> None:
     parts = flat + np.where(np.arange(60)[None, :, None] < 30, around, 4 - around)
     faces = [[k, k + 1, k + 2] for k in range(58) if k not in (28, 29)]
     source, file = tmp_path / "a.gltf", tmp_path / "a.pdeanim"
-    # One mesh is a single part, the other two of them.
+    # One mesh is a single part, the other has two parts.
     for number, points in enumerate((flat + around, parts)):
         clip = pdecodec.ArraySequence(points, faces=faces, fps=24)
         pdecodec.write_sequence(clip, source, overwrite=True)

@@ -195,7 +195,7 @@ def test_any_mix_of_faces_lines_and_points_comes_back(held: Holds, tmp_path: Pat
 
 
 def told_objects() -> Mapping[str, MeshObject]:
-    """Return one object per attribute, with other attributes if some are needed with it."""
+    """Return an object for each attribute, with other attributes if that attribute needs them."""
     others = {
         "group overlapping": [Attribute("group:other", "face", np.array([0, 1], np.uint8))],
         # A subdivision surface has no normals in a file, but its hard edges are kept.

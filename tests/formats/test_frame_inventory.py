@@ -162,7 +162,7 @@ def test_numbers_of_ply_are_fields_whether_they_change_or_not(tmp_path: Path) ->
 
 
 def test_normals_of_points_and_what_later_ply_files_have_are_fields(tmp_path: Path) -> None:
-    """Floats that a frame lacks are NaN there, other numbers are named."""
+    """Floats that a frame lacks are NaN in that frame; integers that a frame lacks are named in a notice."""
     normals = ("float nx", "float ny", "float nz")
     texts = (
         ply(["1 2 3"] * 3, columns=(normals, ())),

@@ -1,4 +1,4 @@
-"""glTF extensions: compressed and quantised geometry, instances, animation pointers; what is not read is named."""
+"""glTF extensions: compressed and quantised geometry, instances, animation pointers; notices name unread extensions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""NPZ and HDF5: files of our writer restore everything, plain ones are understood, damaged ones are refused."""
+"""NPZ and HDF5: files of our writer restore everything, plain files are understood, damaged files are refused."""
 
 from __future__ import annotations
 

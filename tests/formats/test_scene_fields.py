@@ -14,7 +14,7 @@ from pdecodec import ArraySequence, ChangingSequence, Field, MeshObject, MeshSeq
 from pdecodec.codec.coded_order import CodedOrderSequence
 from pdecodec.formats.base.attribute_roles import direction_role, reversed_corners
 from pdecodec.formats.base.scene_reading import ShapeField
-from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, turned_directions
+from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, transform_directions
 from pdecodec.mesh import fields
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import needed
@@ -160,7 +160,7 @@ def test_transforms_above_shapes_turn_directions(extension: str, tmp_path: Path)
     # A normal stays perpendicular to the edge that a vector along this edge follows.
     up = Field("normal:up", "vertex", components=3)
     normal, edge = np.array([[[0.6, 0.8, 0.0]]]), np.array([[[0.8, -0.6, 0.3]]])
-    turned = turned_directions(up, normal, MIRRORED[:1])
+    turned = transform_directions(up, normal, MIRRORED[:1])
     assert abs(float((turned @ (edge[0] @ MIRRORED[0, :3, :3]).T).item())) < 1e-12
     assert float(np.linalg.norm(turned)) == pytest.approx(1)
     write_sequence(clip, tmp_path / f"x.{extension}")
@@ -376,7 +376,7 @@ def usd_values(path: Path) -> dict[str, list[Any]]:
 
 
 def abc_values(path: Path) -> dict[str, list[Any]]:
-    """Return values in our order of corners; colours of faces are those of each face's first corner."""
+    """Return values in our order of corners. A face's colour is the colour of its first corner."""
     import imath
     from alembic3d import Abc, AbcGeom
 

@@ -18,7 +18,7 @@ from tests.support.three_player import play
 HERE = Path(__file__).resolve().parent
 
 PATIENCE = 3600
-"""Time limit of a program for all files [s]."""
+"""Time limit of a program for all its files [s]."""
 
 BLENDER = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]], float)
 """Converts rows of coordinates from a Y-up file to Blender, which is Z-up."""

@@ -446,7 +446,7 @@ def test_parallelograms_predict_a_flat_even_sheet_exactly() -> None:
     row, column = np.divmod(traversal.order, COLUMNS)
     values = np.stack([7 * row - 3 * column, column], axis=1)
     known = np.diff(traversal.starts) > 0
-    assert known.sum() == SHEET.vertex_count - 3  # one parallelogram for all vertices but the first triangle's
+    assert known.sum() == SHEET.vertex_count - 3  # each vertex except those of the first triangle has one parallelogram
     assert not traversal.residuals(values)[known].any()
 
 

@@ -315,7 +315,7 @@ def test_fields_are_compared_at_equal_error_on_what_their_bytes_decode_to() -> N
     ]
     heat, touches, moved, again = points[:4]
     for point in points:
-        assert list(point.bits) == ["pdecodec", QuantiseDelta.name]  # the others take no fields
+        assert list(point.bits) == ["pdecodec", QuantiseDelta.name]  # other baselines take no fields
         assert point.within
         assert point.values == clip.read_field(point.field, 0, 8).size
     written = encode(clip, tolerance=1e-3, effort="fast")

@@ -200,8 +200,8 @@ def test_pieces_and_segments_only_add_to_what_a_model_can_do() -> None:
             assert point.errors.largest <= ROUNDING_ERROR_RATIO * point.unrounded.largest
             assert point.coded_bytes < (point.plain_bytes or 0)
         # The errors of the mesh of all curves decrease with more constants, too.
-        for of_mesh in (lambda p: p.kg_error, lambda p: p.surface.sted, lambda p: p.surface.normal_p99):
-            found = [of_mesh(point) for point in sizes]
+        for mesh_errors in (lambda p: p.kg_error, lambda p: p.surface.sted, lambda p: p.surface.normal_p99):
+            found = [mesh_errors(point) for point in sizes]
             assert found[0] > found[2] > 0
 
 

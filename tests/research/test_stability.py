@@ -28,7 +28,7 @@ from pdecodec.research.reproduction.functions import space_functions, time_funct
 from pdecodec.research.reproduction.method import affine_between, rotation_between
 from pdecodec.research.stability.alignment import STEADY_DEGREES, jitter, kabsch_plain, kabsch_proper, shape
 from pdecodec.research.stability.atlas import SECTIONS, make_atlas
-from pdecodec.research.stability.codec import coded
+from pdecodec.research.stability.codec import encode_and_measure
 from pdecodec.research.stability.extremes import (
     BALL_RADIUS,
     ITERATED,
@@ -199,7 +199,7 @@ def test_particles_pass_through_a_ball_thinner_than_a_step_but_never_through_the
 @pytest.mark.parametrize("name", NASTY)
 def test_the_bound_holds_on_every_nasty_clip(name: str) -> None:
     clip = NASTY[name](10, 18)
-    found = coded(clip, EncodeSettings(tolerance=1e-3))
+    found = encode_and_measure(clip, EncodeSettings(tolerance=1e-3))
     assert found.error <= 1.0
     assert found.bits < 96
 

@@ -90,7 +90,7 @@ def test_a_hanging_mass_stretches_a_spring_by_force_times_compliance() -> None:
     compliance = 2e-3
     solver = run(hung(1, compliance=compliance, drag=20.0), 3000, substep=1e-3)
     assert -solver.positions[1, 1] - 1 == pytest.approx(STANDARD_GRAVITY * compliance, rel=1e-9)
-    # Eq. 5: the multiplier divided by the squared substep is the force in the spring, a pull.
+    # Eq. 5: the multiplier divided by the squared substep is the tension of the spring.
     assert solver.multipliers[0][0, 0] / solver.substep**2 == pytest.approx(-STANDARD_GRAVITY, rel=1e-9)
     assert residual_of(solver) < 1e-12
 

@@ -32,7 +32,7 @@ WHOLE_DEPTHS = 8
 """Depth of the partition tree up to which all nodes are sampled, because they are few."""
 
 ROWS_AT_ONCE = 256
-"""Rows of coefficients that are weighed at once: as many as caches hold."""
+"""Rows of coefficients that are sampled_coefficients at once: as many as caches hold."""
 
 
 class BitCounter(Protocol):
@@ -282,7 +282,7 @@ class Estimate:
         elements = _of_vertices(basis, like.sample.vertices) if like else np.zeros(0, np.int64)
         if like and np.array_equal(np.sort(_vertices(basis, elements)), np.sort(like.sample.vertices)):
             return _Sample(fitter, basis, elements, like.sample.weight, like.sample)
-        weights = _weights(basis, fitter.weighed(basis), self._usual_step)
+        weights = _weights(basis, fitter.sampled_coefficients(basis), self._usual_step)
         if not elements.size:
             elements = _chosen(basis, weights, fitter.tuning, compares_bases=compares_bases)
         sampled = float(weights[elements].sum())
@@ -346,7 +346,7 @@ class Estimate:
         fitter, sample = self._fitter, self.sample
         time = functions_of_time(entry, functions, fitter.times)
         moved = group_functions(entry, time[sample.frames], quantised, self.basis, sample.chosen)
-        model = fitter.held(moved, sample.points, sample.order)
+        model = fitter.model_for(moved, sample.points, sample.order)
         limits = margins(entry, time, largest, fitter.residual_step)[sample.frames]
         residuals, _, _ = model.missing(limits, None, None, False, thread_count())
         near = np.ones(sample.frames.size, np.int64)

@@ -244,7 +244,7 @@ class GroupFitter:
         """Return a fitter of some of the frames as a group of their own."""
         return self._with(self.points[frames], self.times[frames], self._reference, self._first)
 
-    def part_of_found(self, frames: slice) -> GroupFitter:
+    def part_sharing_results(self, frames: slice) -> GroupFitter:
         """Return a fitter like :meth:`part`, which takes results from this fitter until they are released."""
         other = self.part(frames)
         other._part_of = self, frames
@@ -279,7 +279,7 @@ class GroupFitter:
         other.is_heavy = self.is_heavy
         return other
 
-    def settle(self, choice: Candidate) -> None:
+    def free_other_fits(self, choice: Candidate) -> None:
         """Free data that only fits with other functions of time, or from the other origin, would need."""
         _ = self.is_single
         self.displacements(choice.origin).settle(choice.time)
@@ -346,7 +346,7 @@ class GroupFitter:
 
         return moved.some_coefficients(choice.time, sight=Sight(thinned))
 
-    def weighed(self, basis: SpaceBasis) -> Rows:
+    def sampled_coefficients(self, basis: SpaceBasis) -> Rows:
         """Return coefficients of a sample of the functions of time, to compare the costs of elements."""
         choice = self.first_choice
         if not self.is_heavy:
@@ -362,7 +362,9 @@ class GroupFitter:
             self._projection = wanted, values
         return self._projection[1]
 
-    def _first_look(self, basis: SpaceBasis, choice: Candidate, zone: DeadZone) -> tuple[Int64Array | None, Int64Array]:
+    def _largest_coefficients(
+        self, basis: SpaceBasis, choice: Candidate, zone: DeadZone
+    ) -> tuple[Int64Array | None, Int64Array]:
         """Return quantised coefficients of all functions of time and the largest per channel. For a heavy
         group, return None and the largest in a sample of the elements: a channel without any in the sample is
         negligible.
@@ -388,7 +390,7 @@ class GroupFitter:
             self.release()  # The comparison with the source needs this memory next.
         return self.fitted(basis, group, is_measured=is_measured, is_trial=is_trial)
 
-    def at_rest(self, basis: SpaceBasis, choice: Candidate) -> FittedGroup:
+    def fit_residuals_alone(self, basis: SpaceBasis, choice: Candidate) -> FittedGroup:
         """Fit no functions of time: residuals alone correct the error of the reference frame."""
         step, basis_of_time = grid_step(choice.step), time_basis_of(choice.time)
         entry = GroupEntry(frames=self.frames, functions=0, basis=basis_of_time, single=False, step=step)
@@ -403,7 +405,7 @@ class GroupFitter:
         zone = zone or self.tuning.dead_zones[0]
         step, time_step = grid_step(choice.step), grid_step(choice.step + choice.time_step)
         moved, axes = self.displacements(choice.origin), axes_of(choice.time)
-        all_quantised, largest = self._first_look(basis, choice, zone)
+        all_quantised, largest = self._largest_coefficients(basis, choice, zone)
         time_functions: QuantisedTimeFunctions | None = None
         if choice.time == "cosines":
             count = cosines_needed(largest)
@@ -444,11 +446,11 @@ class GroupFitter:
         entry, quantised = group.entry, group.quantised
         largest = magnitudes(quantised)
 
-        def held() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
+        def find_missing() -> tuple[tuple[Residuals, float, float], ResidualPlan]:
             functions = group_functions(entry, self._time(group), quantised, basis)
             limits = margins(entry, functions.time, largest, self.residual_step)
             aim = (self.tuning.aim, FARTHEST_PUSH)
-            missing = self.held(functions, self.points, basis.order).missing(
+            missing = self.model_for(functions, self.points, basis.order).missing(
                 limits, aim, excess, not is_trial, thread_count()
             )
             return missing, plan_residuals(missing[0], basis.starts)
@@ -456,7 +458,7 @@ class GroupFitter:
         def measured() -> float:
             return group.bits(basis) if is_measured else math.inf
 
-        (missing, plan), bits = both(held, measured)
+        (missing, plan), bits = both(find_missing, measured)
         if self.is_heavy:
             smallest = np.result_type(np.int16, np.min_scalar_type(-int(largest.max(initial=0)) - 1))
             group = replace(group, packed=quantised.astype(smallest))
@@ -513,7 +515,7 @@ class GroupFitter:
         decoded = time_functions.decoded if time_functions else np.zeros((self.frames, entry.time_axes, 0))
         return functions_of_time(entry, decoded, self.times)
 
-    def held(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
+    def model_for(self, functions: GroupFunctions, points: Float32Array, order: Int32Array) -> GroupModel:
         """Return a model that compares functions with the source positions of some vertices."""
         reference = np.ascontiguousarray(self._reference)
         time = np.ascontiguousarray(functions.time)

@@ -227,14 +227,14 @@ class ModelSearch:
             basis = min(found, key=lambda each: len(encode_model(each, self.residual_step)))
         fitter = self._fitter(reference)
         choice = replace(fitter.first_choice, time="cosines")
-        fitted = fitter.at_rest(basis, choice)
+        fitted = fitter.fit_residuals_alone(basis, choice)
         if fitted.residuals.count and self.unit > self.bound:  # Float32 is too coarse for this bound.
             return None
         group, basis = FinishedGroup(fitter, choice, fitted), clear_space_basis(basis, reference.grid)
         data = self.references.sections.get(reference)
         return FinishedModel(reference, data, basis, [group], [], self.tuning.compared_effort)
 
-    def first_look(self) -> float:
+    def estimate_bits(self) -> float:
         """Return the approximate bits of the first frames, encoded by rule."""
         if self._is_by_rule:
             fitter, basis = self._fitter_by_rule, self._basis_by_rule  # These are kept: no others are tried.
@@ -474,7 +474,7 @@ class ModelSearch:
         def bits(fitter: GroupFitter, choice: Candidate, space: tuple[SpaceKind, int]) -> float:
             return searches.search(fitter, space).bits(choice)
 
-        def weighed(space: tuple[SpaceKind, int]) -> float:
+        def sampled_coefficients(space: tuple[SpaceKind, int]) -> float:
             is_dear = self._is_large and space[1] > kinds[0][1]
             return costs[space] / (1.0 - self.tuning.large_patch_gain) if is_dear else costs[space]
 
@@ -485,7 +485,7 @@ class ModelSearch:
             + self._share_of(searches.bases.get(space).layout)
             for k, space in enumerate(kinds)
         }
-        best = min(kinds, key=weighed)
+        best = min(kinds, key=sampled_coefficients)
         names = {space: f"{space[0]} of {space[1]}" for space in kinds}
         ways = {names[space]: costs[space] for space in kinds}
         return best, ask("functions of space", sum(fitter.frames for fitter, _ in moving), ways, names[best])

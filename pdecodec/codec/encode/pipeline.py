@@ -361,7 +361,7 @@ class AutoEncoder(Encoder):
                 parts = self._by_rule(self._fitter(begin, end, steps), parts)
             elif index > 0:
                 fitter = self._fitter(begin, end, steps)
-                parts = [] if is_searched else self._like(fitter, choices)
+                parts = [] if is_searched else self._divided_like(fitter, choices)
                 if is_searched or _bits(parts) > self._tuning.early_exit_ratio * usual_bits * (end - begin):
                     parts = self._divided(fitter, choices[-1][1])
                     is_searched = True
@@ -394,7 +394,7 @@ class AutoEncoder(Encoder):
                 ahead=ahead,
             )
             most = self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied)
-            if len(longer) < len(self._ranges) and search.first_look() < most:
+            if len(longer) < len(self._ranges) and search.estimate_bits() < most:
                 self._ranges = longer
                 points = np.concatenate([points, self._read(len(points), longer[0][1])])
                 search = replace(search, points=points, is_smooth=True)
@@ -450,7 +450,7 @@ class AutoEncoder(Encoder):
         del search, groups  # free everything that the search computed
         return self._all_finished(chosen)
 
-    def _like(self, fitter: GroupFitter, choices: Sequence[tuple[int, Candidate]]) -> list[EncodedPart]:
+    def _divided_like(self, fitter: GroupFitter, choices: Sequence[tuple[int, Candidate]]) -> list[EncodedPart]:
         """Divide a later group as the group before was divided, and encode the parts with its choices."""
         ends = np.cumsum([frames for frames, _ in choices])
         edges = [0, *(fitter.frames * int(end) // int(ends[-1]) for end in ends)]

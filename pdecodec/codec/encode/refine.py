@@ -101,7 +101,7 @@ def finish(fitter: GroupFitter, choice: Candidate, basis: SpaceBasis) -> Finishe
     steps, zones = tuning.refined_steps, tuning.dead_zones
     if len(steps) * len(zones) > 1 and not fitter.moves:  # `moves` is computed here, before trajectories are freed.
         steps, zones = (0,), zones[:1]
-    fitter.settle(choice)
+    fitter.free_other_fits(choice)
     if not tuning.refining_passes:
         return FinishedGroup(fitter, choice, fitter.fit(basis, choice))
     tried = [replace(choice, step=choice.step + more) for more in steps]

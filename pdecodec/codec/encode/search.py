@@ -97,7 +97,7 @@ class GroupSearch:
 
     def part(self, frames: slice) -> GroupSearch:
         """Return a search of some of the frames as a group of their own."""
-        return GroupSearch(self.fitter.part_of_found(frames), self.basis, part_of=self)
+        return GroupSearch(self.fitter.part_sharing_results(frames), self.basis, part_of=self)
 
     def prepare(self, choice: Candidate) -> None:
         """Compute the results that all candidates of a temporal basis and origin share."""

@@ -1,4 +1,4 @@
-"""Displacements of a group of frames, and the functions of time whose sums they are, before quantisation."""
+"""Displacements of a group of frames before quantisation, and the functions of time that represent them."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ from pdecodec.system.shares import thread_count
 
 Origin = Literal["reference", "first"]
 ORIGINS: tuple[Origin, ...] = ("reference", "first")
-"""What displacements are measured from: the decoded reference frame, or frame 0 as it was read. The latter
-excludes the reference frame's own error, which is the same in every frame, so vertices at rest cost nothing.
+"""Origins of displacements: the decoded reference frame, or frame 0 as it was read. The latter excludes the
+error of the reference frame, which is the same in every frame, so vertices at rest cost nothing.
 """
 
 TimeFunctions = Literal["trajectories", "shapes", "poses", "cosines"]
 TIME_FUNCTIONS: tuple[TimeFunctions, ...] = ("trajectories", "shapes", "poses", "cosines")
-"""Principal trajectories; principal functions that all axes share; amounts of a few of the group's own frames;
-cosines. Poses separate blend shapes and keyframes that principal functions mix; a file stores them as shapes.
+"""Principal trajectories; principal functions that all axes share; weights of a few of the group's own frames;
+cosines. Poses separate blend shapes and keyframes, which principal functions mix; a file stores them as shapes.
 """
 
 FARTHEST_STEPS = 2.0**26
@@ -53,14 +53,14 @@ LARGEST_SINGLE = 2.0**40
 """Largest displacement kept in float32: sums of squares of larger ones may leave its range."""
 
 ALIKE = 1e-2
-"""Eigenvalue, relative to the largest, below which functions of a fit count as one."""
+"""Eigenvalue, relative to the largest, below which functions of a fit count as equal."""
 
 ROUNDING = 1e-14
 """Eigenvalue of the poses' products, relative to the largest, that is only rounding."""
 
 
 def time_basis_of(functions: TimeFunctions) -> TimeBasis:
-    """Return the time basis as which a file stores functions of time."""
+    """Return the time basis under which a file stores functions of time."""
     return "shapes" if functions == "poses" else functions
 
 
@@ -140,7 +140,7 @@ class Displacements:
 
     @cached_property
     def largest(self) -> float:
-        """Return the largest magnitude of a displacement, here or in the displacements that these are derived from."""
+        """Return the largest magnitude of a displacement, here or in the displacements from which these are derived."""
         other = self._alike or self._sibling or (self._part_of and self._part_of[0])
         if other:
             return other.largest
@@ -166,7 +166,7 @@ class Displacements:
 
     @cached_property
     def _span(self) -> Span | None:
-        """Return a span of few trajectories that approximates the displacements; None if it would take many."""
+        """Return a span of few trajectories that approximates the displacements; None if it needs too many."""
         if self._part_of:
             return None
         if self._sibling is None:
@@ -212,7 +212,7 @@ class Displacements:
 
     @cached_property
     def _trajectories(self) -> tuple[Float64Array, Float64Array]:
-        """Return principal trajectories down to the tail: energies (n,), falling, and functions (3 frames, n)."""
+        """Return the principal trajectories above the tail: energies (n,), falling, and functions (3 frames, n)."""
         if self._span is not None:
             return principal_axes_within(self._span, self._least)
         if self._is_wide:
@@ -226,8 +226,8 @@ class Displacements:
 
     @cached_property
     def _poses(self) -> tuple[Float64Array, Float64Array]:
-        """Return poses like :attr:`_shapes`: frames, each the farthest from the span of those before. Empty if
-        principal shapes need fewer functions.
+        """Return poses like :attr:`_shapes`: frames, each the farthest from the span of the previous ones.
+        Empty if principal shapes need fewer functions.
         """
         products = self._squares_by_axis
         found = spanning(products, self._least / self._frames, self._shapes[0].size)
@@ -271,7 +271,7 @@ class Displacements:
         return self.functions("poses")[0].size > 0
 
     def functions(self, kind: TimeFunctions) -> tuple[Float64Array, Float64Array]:
-        """Return energies and unit functions of time by falling energy; not of cosines, which are fixed.
+        """Return energies and unit functions of time by falling energy; not for cosines, which are fixed.
 
         Functions have one number per frame, trajectories three.
         """
@@ -331,7 +331,7 @@ class Displacements:
 
     @cached_property
     def _cosine_count(self) -> int:
-        """Return the number of cosines without the last ones that carry almost no energy."""
+        """Return the number of cosines, without the last ones if these carry almost no energy."""
         if self._alike is not None:
             return self._alike._cosine_count
         left = np.cumsum(self._cosine_energies[::-1])[::-1]
@@ -352,7 +352,7 @@ class Displacements:
             assert self._span is not None  # only used if there is one
             return self._span[0]
         other = self._alike or self._sibling
-        assert other is not None  # the shape that the shift is measured from
+        assert other is not None  # only used if there is another shape
         return other._shape - self._shape
 
     def along(self, functions: Float64Array, kind: TimeFunctions) -> Rows:
@@ -394,7 +394,7 @@ class Displacements:
         if self._alike is not None:
             return self._alike._total
         if self._span is not None:
-            coefficients = self._span[0].ravel()  # of orthonormal trajectories
+            coefficients = self._span[0].ravel()  # coefficients of orthonormal trajectories
             return _core.sum_of_products(coefficients, coefficients)
         return float(np.trace(self._squares_by_axis))
 

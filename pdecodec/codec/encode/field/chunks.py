@@ -180,7 +180,7 @@ def group_frames(frames: int, width: int) -> int:
 def choose_coding(
     rows: _core.FieldRows, quantiser: FieldQuantiser, values: NDArray[Any]
 ) -> tuple[FieldCoding, Spectrum | None]:
-    """Return the coding that makes a sample of a field smallest; if it uses functions of time, also those of `values`.
+    """Return the coding with the smallest chunk for a sample of a field, and the spectrum of `values` if it uses one.
 
     Parameters
     ----------
