@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError, damaged
+from pdecodec.codec.source import chosen_limits
+from pdecodec.errors import InputError, LimitError, damaged
 from pdecodec.formats.arrays.hdf5 import HDF5_DAMAGE, check_stored
 from pdecodec.formats.base.attribute_roles import GROUP
 from pdecodec.formats.base.times import rate_or_default, timing_of_stored
@@ -302,6 +303,10 @@ class ExodusSequence(MeshSequence):
             raise damaged(
                 f"{name} has {variable.shape[0]} steps, and there are {steps} times; export it again", path=self._path
             )
+        most = chosen_limits(None).max_memory
+        if self.variables.is_cut and steps is None and int(np.prod(variable.shape, dtype=object)) * 8 > most:
+            # What was never written takes no room in the file.
+            raise LimitError(f"{name} takes more than {most} bytes", code="memory-limit", limit="max_memory")
         if isinstance(variable, h5py.Dataset) and not self.variables.is_cut:
             check_stored(variable, self.variables.scope)
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.errors import InputError
+from pdecodec.errors import InputError, damaged
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.registry import Output
@@ -30,6 +30,13 @@ def write_exodus_onto(
 
     Variables that are not written anew have the values of the step before, or of the first.
     """
+    try:
+        return _write(sequence, original, source, output)
+    except (LookupError, ValueError, TypeError, ArithmeticError, RuntimeError, AttributeError, MemoryError) as error:
+        raise damaged(f"its arrays do not fit each other ({error}); export it again", path=source) from error
+
+
+def _write(sequence: MeshSequence, original: ExodusSequence, source: Path, output: Output) -> tuple[str, ...]:
     steps = None
     if original.has_steps:
         steps = np.maximum(np.searchsorted(original.times, sequence.times, side="right") - 1, 0)

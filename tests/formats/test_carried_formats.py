@@ -459,7 +459,7 @@ def test_cells_of_a_hostile_exodus_scene_are_written_to_no_other_file(
     other = tmp_path / "other.h5"
     out = tmp_path / "out"
     out.mkdir()
-    for kind in ("link", "raw data", "soft link", "group", "no file"):
+    for kind in ("link", "raw data", "soft link", "group", "no file", "other steps", "too large"):
         with h5py.File(other, "w") as file:
             file["cells"] = np.zeros((1, 8), np.int32)
         before = other.read_bytes()
@@ -474,11 +474,22 @@ def test_cells_of_a_hostile_exodus_scene_are_written_to_no_other_file(
                 file["connect1"] = h5py.SoftLink("/coordx")
             elif kind == "group":
                 file.create_group("connect1")
+            else:
+                size = 2**40 if kind == "too large" else 1
+                file.create_dataset("connect1", (size, 8), np.int32).attrs["elem_type"] = np.bytes_(b"HEX8")
+            if kind == "other steps":
+                del file["vals_nod_var1"]
+                file.create_dataset("vals_nod_var1", (3, 5), np.float64)
+            if kind == "too large":
+                cuts = {**json.loads(files["cuts"]), "blocks": []}
+                files["cuts"] = json.dumps(cuts).encode()
         content = b"" if kind == "no file" else (tmp_path / "b.e").read_bytes()
         clip.carried = Carrier.of("exodus", [], [], {**files, "files/scene.exo": content})
         pdecodec.encode(clip, tmp_path / "b.pdeanim", overwrite=True)
-        assert run(["decode", str(tmp_path / "b.pdeanim"), "-o", str(out / "b.e"), "--overwrite"]) == 0
-        assert "scene of the file is left out: " in capsys.readouterr().err
+        code = run(["decode", str(tmp_path / "b.pdeanim"), "-o", str(out / "b.e"), "--overwrite"])
+        said = capsys.readouterr().err
+        assert (code, "memory" in said) == (4, True) if kind == "too large" else code == 0
+        assert ("scene of the file is left out: " in said) == (kind != "too large")
         assert other.read_bytes() == before
         assert [one.name for one in out.iterdir()] == ["b.e"]
 
