@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
-from pdecodec.formats.base.attribute_roles import UV, reversed_corners, role_name
+from pdecodec.formats.base.attribute_roles import COLOR, UV, expanded, is_role, reversed_corners, role_name
 from pdecodec.formats.base.carried_fields import StoredFields
 from pdecodec.formats.base.carrying import Stripped
 from pdecodec.formats.base.onto import Fitted
@@ -132,6 +132,8 @@ def _cuts(original: GltfSequence, one: Fitted, number: int, *, exact_uvs: bool) 
     place = {"object": number, **({"turned": True} if turned else {})}
     corner = 0
     entry = file.listed("meshes")[file.listed("nodes")[part.node]["mesh"]]
+    colors = [attribute for attribute in one.item.attributes if is_role(attribute, COLOR)]
+    widths = {attribute.name: attribute.values.shape[1] for attribute in colors if attribute.domain == "vertex"}
     uvs = {attribute.name for attribute in one.item.attributes if attribute.domain == "corner"}
     for primitive, start in zip(entry["primitives"], mesh.starts, strict=True):
         if primitive.get("mode", TRIANGLES) != TRIANGLES:
@@ -148,6 +150,10 @@ def _cuts(original: GltfSequence, one: Fitted, number: int, *, exact_uvs: bool) 
             known = role_name(UV, name, ("TEXCOORD_0",))
             if exact_uvs and name.startswith("TEXCOORD_") and known in uvs and _is_plain(file, index, "<f4"):
                 yield {"accessor": index, **place, "uv": known, "start": start}
+            shade = role_name(COLOR, name, ("COLOR_0",))
+            is_color = name.startswith("COLOR_") and widths.get(shade) == WIDTHS[accessors[index]["type"]]
+            if is_color and _is_plain(file, index, "<f4"):
+                yield {"accessor": index, **place, "color": shade, "start": start}
 
 
 def _is_plain(file: GltfFile, index: int, dtype: str | None = None) -> bool:
@@ -180,6 +186,9 @@ def _known(cut: Mapping[str, Any], objects: Sequence[MeshObject], rows: int, dty
     faces = item.connectivity
     order = reversed_corners(faces.face_counts) if cut.get("turned") else slice(None)
     corners = faces.face_indices[order].astype(np.int64) - int(cut["start"])
+    if "color" in cut:
+        shades = expanded(next(one for one in item.attributes if one.name == cut["color"]))
+        return shades[int(cut["start"]) :][:rows].astype(dtype)
     if "uv" not in cut:
         indices: NDArray[Any] = corners[cut["first"] : cut["first"] + rows].astype(dtype)
         return indices
