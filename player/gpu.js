@@ -32,6 +32,7 @@ export function makeProgram(gl, vertex, fragment, outputs = []) {
     gl.compileShader(shader);
     if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
     gl.attachShader(program, shader);
+    gl.deleteShader(shader);  // as soon as the program is
   }
   if (outputs.length) gl.transformFeedbackVaryings(program, outputs, gl.SEPARATE_ATTRIBS);
   gl.linkProgram(program);
