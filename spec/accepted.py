@@ -284,6 +284,18 @@ def two_sheets() -> ArraySequence:
     return ArraySequence(np.concatenate([moving, still, np.ones((7, 1, 3))], axis=1), objects=sheets)
 
 
+def standing() -> ArraySequence:
+    """A sheet whose first two rows stand still, a moving soup, a soup that stands still, and two loose points."""
+    sheet, swing = wave(7, 5, 9), soup(7, 3, 5).points
+    sheet[:, :18] = sheet[:1, :18]
+    still = np.repeat(swing[:1], 7, axis=0) + np.array([9.0, 0.0, 1.0])
+    points = np.stack([np.ones((7, 3)), np.outer(np.arange(7), [0.1, 0.0, 0.3])], axis=1)
+    item = soup(7, 3, 5).objects[0].connectivity
+    objects = [MeshObject("sheet", grid(5, 9)), MeshObject("moving", item), MeshObject("still", item)]
+    joined = np.concatenate([sheet, swing - [9.0, 0.0, 0.0], still, points], axis=1)
+    return ArraySequence(joined, objects=[*objects, MeshObject("points", connectivity(2))])
+
+
 def rough(frames: int, rows: int, columns: int) -> ArraySequence:
     """A waving sheet with noise, most of which the residuals must store."""
     return clip(wave(frames, rows, columns) + 0.03 * noise(frames, rows * columns, 3), grid(rows, columns))
@@ -358,6 +370,8 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "groups_of_one_frame": (lambda: sheet(3), Choices(longest_group=1)),
     "groups_in_double": (lambda: sheet(6), Choices(longest_group=3, settings={"tolerance": 1e-6})),
     "cosines_in_double": (lambda: sheet(6), Choices(time="cosines", settings={"tolerance": 1e-6})),
+    "still": (standing, Choices(space=("patch", 8))),
+    "still_on_curves": (standing, Choices(space=("curve", 8))),
     "many_patches": (two_sheets, Choices(space=("patch", 8))),
     "many_pieces": (lambda: clip(tube(8, 5, 20), grid(5, 20, closed=True)), Choices(space=("curve", 8))),
     "triangles": (lambda: clip(wave(8, 5, 6), triangles(5, 6)), Choices(space=("patch", 16))),

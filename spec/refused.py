@@ -193,7 +193,10 @@ def _model(base: Base) -> Iterator[Refused]:
     model = content(base.parts, "MODL")
     curves = b"\1" + model[1:4]
     for name, new, reason in (
-        ("space_basis_2", b"\2" + model[1:], "space basis 2 (10)"),
+        ("space_basis_4", b"\4" + model[1:], "space basis 4 (10)"),
+        ("still_in_no_bytes", b"\2" + model[1:12] + b"\0" + model[12:], "0 bytes of vertices that stand still (10)"),
+        ("still_beyond_the_end", b"\2" + model[1:12] + b"\xff\1" + model[12:], "255 bytes, more than there are (10)"),
+        ("still_in_too_many", b"\2" + model[1:12] + b"\5" + b"\xff" * 5 + model[12:], "bytes too many (3.7)"),
         ("patches_of_no_points", model[:1] + b"\0" + model[2:], "patches of 0 points (10)"),
         ("patches_of_257_points", model[:1] + count(257) + model[2:], "patches of 257 points (10)"),
         ("pieces_of_65536_points", b"\1" + count(65536) + curves[2:] + bytes(9) + model[4:], "65536 points (10)"),

@@ -130,15 +130,17 @@ namespace {
 constexpr i64 most_points[] = {256, 65535};
 constexpr int most_functions = 128;
 constexpr int thresholds = 8;
+constexpr u8 has_still_vertices = 2;  // flag in the byte of the basis
 
 }  // namespace
 
 Model Model::of_bytes(std::span<const u8> data) {
     FieldReader fields(data, "MODL");
-    const u8 kind = fields.integer<u8>();
-    if (kind > static_cast<u8>(SpaceKind::curve)) {
-        throw CorruptError(Section("MODL"), "names space basis " + std::to_string(kind) + ", which is unknown");
+    const u8 flags = fields.integer<u8>();
+    if (flags > (static_cast<u8>(SpaceKind::curve) | has_still_vertices)) {
+        throw CorruptError(Section("MODL"), "names space basis " + std::to_string(flags) + ", which is unknown");
     }
+    const u8 kind = flags & ~has_still_vertices;
     Model model;
     SpaceForm &form = model.form;
     form.kind = static_cast<SpaceKind>(kind);
@@ -160,6 +162,12 @@ Model Model::of_bytes(std::span<const u8> data) {
     }
     if (!(model.residual_step > 0.0 && model.residual_step <= limits::largest_step)) {
         throw CorruptError(Section("MODL"), "has a quantisation step out of range");
+    }
+    if (flags & has_still_vertices) {
+        const i64 size = fields.count();
+        const std::span<const u8> still = fields.bytes(static_cast<std::size_t>(size));
+        model.still.assign(still.begin(), still.end());
+        if (size == 0) throw CorruptError(Section("MODL"), "does not say which vertices stand still");
     }
     const std::span<const u8> layout = fields.rest();
     model.layout.assign(layout.begin(), layout.end());

@@ -39,6 +39,7 @@ private:
 struct Model {
     SpaceForm form;
     double residual_step = 0.0;  // quantisation step of residuals [scene units]
+    std::vector<u8> still;       // which vertices stand still, coded (`decode_still`); empty if none does
     std::vector<u8> layout;      // layout of the functions of space, coded (`SpaceLayout`)
 
     // Read section MODL; CorruptError if a field is out of range.

@@ -10,6 +10,7 @@
 #include "sections/connectivity/cells.hpp"
 #include "sections/connectivity/solids.hpp"
 #include "sections/reference/reference.hpp"
+#include "sections/spatial/still_vertices.hpp"
 
 namespace pdeanim {
 
@@ -236,6 +237,10 @@ u8 RunSections::reference_kind() const {
     return predictor.empty() ? 0 : predictor[0];
 }
 
+std::vector<u8> RunSections::still_vertices() const {
+    return model_.still.empty() ? std::vector<u8>() : decode_still(model_.still, first_vertices_);
+}
+
 std::shared_ptr<const SpaceLayout> RunSections::layout_of(std::shared_ptr<const Patches> patches) const {
     return std::make_shared<const SpaceLayout>(SpaceLayout::of_bytes(model_.form, std::move(patches), model_.layout));
 }
@@ -266,7 +271,7 @@ std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(Grou
     const auto make = [this, ahead, own = early.get(), parts = views_of(predicted_on())] {
         GroupCoefficients *coefficients = nullptr;
         try {
-            own->patches = early_patches(parts, model_.form.points);
+            own->patches = early_patches(parts, model_.form.points, still_vertices());
             if (own->patches) {
                 own->taken = take_elements(*own->patches);
                 own->layout = layout_of(own->patches);
@@ -298,8 +303,8 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *a
     reference();
     if (early) early->made.wait();
     if (early && early->failure) std::rethrow_exception(early->failure);
-    std::shared_ptr<Patches> patches =
-        build_patches(parts, reference().grid, model_.form.points, reference().ties, early ? early->patches : nullptr);
+    std::shared_ptr<Patches> patches = build_patches(parts, reference().grid, model_.form.points, reference().ties,
+                                                     still_vertices(), early ? early->patches : nullptr);
     if (early && early->layout && patches == early->patches) {
         of_elements_ = std::move(early->taken);
         return early->layout;
@@ -312,8 +317,8 @@ std::shared_ptr<const SpaceLayout> RunSections::layout_of_patches(GroupsAhead *a
 std::shared_ptr<const SpaceLayout> RunSections::layout_of_curves() {
     const std::vector<ConnectivityView> parts = views_of(predicted_on());
     Curves curves = extract_curves(parts, reference().grid);
-    auto pieces = std::make_shared<const Patches>(
-        cut_curves(std::move(curves.order), std::move(curves.starts), model_.form.points, reference().ties));
+    auto pieces = std::make_shared<const Patches>(cut_curves(std::move(curves.order), std::move(curves.starts),
+                                                             model_.form.points, reference().ties, still_vertices()));
     of_elements_ = take_elements(*pieces);
     return layout_of(std::move(pieces));
 }

@@ -107,6 +107,7 @@ public:
     // The connectivity that positions are predicted on: as decoded, with the sides that solids share after the faces.
     const std::vector<Connectivity> &predicted_on();
     const Reference &reference();
+    std::vector<u8> still_vertices() const;  // whether each vertex stands still; empty if none does
     const std::vector<std::vector<Attribute>> &attributes() { return *shared_attributes(); }
     const std::vector<u8> &remarks();  // Return the bytes of section META as they are in the file.
 

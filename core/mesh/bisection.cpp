@@ -49,10 +49,19 @@ public:
         : graph_(graph), order_(std::move(order)), near_(graph.vertices()), far_(graph.vertices()),
           visited_(order_.size() + 1), members_(order_.size()) {}
 
-    Patches halve(i64 points, std::vector<Tie> tied = {}) {
+    // still: whether each vertex stands still, or empty; those vertices become the last ones.
+    Patches halve(i64 points, std::span<const u8> still, std::vector<Tie> tied = {}) {
+        const auto is_moving = [&](i32 vertex) { return still.empty() || !still[vertex]; };
+        const i64 size = static_cast<i64>(order_.size());
+        const i64 moving = std::stable_partition(order_.begin(), order_.end(), is_moving) - order_.begin();
         // Continue with a half that has just been made: it is still in the processor's caches.
-        std::vector<Set> sets = {{.begin = 0, .end = static_cast<i64>(order_.size())}};
+        std::vector<Set> sets = {{.begin = 0, .end = size}};
         std::vector<i64> waiting = {0};
+        if (0 < moving && moving < size) {
+            sets = {
+                {.begin = 0, .end = size, .halves = 1}, {.begin = 0, .end = moving}, {.begin = moving, .end = size}};
+            waiting = {2, 1};
+        }
         while (!waiting.empty()) {
             const i64 own = waiting.back(), begin = sets[own].begin, end = sets[own].end;
             waiting.pop_back();
@@ -82,7 +91,8 @@ public:
         const std::vector<i64> &begins = found.begins;
         std::sort(found.node_of.begin(), found.node_of.end(), [&](i64 a, i64 b) { return begins[a] < begins[b]; });
         for (const i64 node : found.node_of) found.starts.push_back(begins[node]);
-        found.starts.push_back(static_cast<i64>(order_.size()));
+        found.moving = std::lower_bound(found.starts.begin(), found.starts.end(), moving) - found.starts.begin();
+        found.starts.push_back(size);
         found.order = std::move(order_);
         found.tied = std::move(tied);
         found.sort_vertices();
@@ -213,16 +223,18 @@ void Patches::sort_vertices() {
     }
 }
 
-std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points) {
+std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points,
+                                       std::span<const u8> still) {
     const Graph graph(edges_of(objects), vertices_of(objects));
     std::vector<i32> order(graph.vertices());
     std::iota(order.begin(), order.end(), 0);
     if (std::any_of(order.begin(), order.end(), [&](i32 vertex) { return graph.degree(vertex) == 0; })) return {};
-    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points));
+    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points, still));
 }
 
 std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
-                                       i64 points, std::span<const i32> ties, std::shared_ptr<Patches> early) {
+                                       i64 points, std::span<const i32> ties, std::span<const u8> still,
+                                       std::shared_ptr<Patches> early) {
     const std::vector<Edge> coincident = coincident_vertices(grid);
     if (early && coincident.empty()) return early;
     std::vector<Edge> edges = edges_of(objects);
@@ -243,22 +255,31 @@ std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects
         }
     }
     for (const i32 k : z_order(places)) order.push_back(isolated[k]);
-    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points, list_tied(ties)));
+    return std::make_shared<Patches>(Bisection(graph, std::move(order)).halve(points, still, list_tied(ties)));
 }
 
-Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties) {
+Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties,
+                   std::span<const u8> still) {
     Patches found;
     found.tied = list_tied(ties);
-    if (!found.tied.empty()) {
+    i64 moving = static_cast<i64>(order.size());  // number of vertices before those that stand still
+    if (!found.tied.empty() || !still.empty()) {
         std::vector<i32> kept;
         std::vector<i64> kept_starts = {0};
-        for (std::size_t curve = 0; curve + 1 < starts.size(); ++curve) {
-            for (i64 at = starts[curve]; at < starts[curve + 1]; ++at) {
-                if (!is_tied(ties, order[at])) kept.push_back(order[at]);
+        const auto keep = [&](bool is_still) {
+            for (std::size_t curve = 0; curve + 1 < starts.size(); ++curve) {
+                for (i64 at = starts[curve]; at < starts[curve + 1]; ++at) {
+                    const i32 vertex = order[at];
+                    const bool is_wanted = (!still.empty() && still[vertex]) == is_still;
+                    if (is_wanted && !is_tied(ties, vertex)) kept.push_back(vertex);
+                }
+                const i64 end = static_cast<i64>(kept.size());
+                if (end > kept_starts.back()) kept_starts.push_back(end);
             }
-            const i64 end = static_cast<i64>(kept.size());
-            if (end > kept_starts.back()) kept_starts.push_back(end);
-        }
+        };
+        keep(false);
+        moving = static_cast<i64>(kept.size());
+        keep(true);
         order = std::move(kept);
         starts = std::move(kept_starts);
     }
@@ -268,6 +289,7 @@ Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, 
         for (i64 piece = 0; piece < pieces; ++piece) found.starts.push_back(starts[curve] + piece * length / pieces);
     }
     const i64 count = static_cast<i64>(found.starts.size());
+    found.moving = std::lower_bound(found.starts.begin(), found.starts.end(), moving) - found.starts.begin();
     found.starts.push_back(static_cast<i64>(order.size()));
     found.order = std::move(order);
     found.node_of.resize(count);
@@ -284,7 +306,8 @@ Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, 
             continue;
         }
         found.children.push_back(next);
-        const i64 middle = (begin + end) / 2;
+        const bool has_still = node == 0 && 0 < found.moving && found.moving < count;
+        const i64 middle = has_still ? found.moving : (begin + end) / 2;
         begins[next] = begin;
         ends[next++] = middle;
         begins[next] = middle;

@@ -17,7 +17,8 @@ struct Tie {
     i32 vertex, first;
 };
 
-// Elements and the partition tree over them. Node 0 is the whole mesh; a node's halves come after it.
+// Elements and the partition tree over them. Node 0 is the whole mesh; a node's halves come after it. If some vertices
+// stand still in all frames, they are the second half of node 0.
 struct Patches {
     i64 count() const { return static_cast<i64>(node_of.size()); }
     i64 size(i64 patch) const { return starts[patch + 1] - starts[patch]; }
@@ -41,6 +42,7 @@ struct Patches {
     std::vector<i64> begins;    // where each node of the partition tree starts in `order`
     std::vector<i64> children;  // for each node, its first half, which the second half follows; -1 for a patch
     std::vector<i64> node_of;   // the node of the tree that is each patch
+    i64 moving = 0;             // number of the first patches, whose vertices move; those of all others stand still
     // The vertices of each patch in ascending order, the order in which they are written to memory, and the index of
     // each of them in the patch: ascending[starts[p] + k] is order[starts[p] + ascending_places[starts[p] + k]].
     std::vector<i32> ascending, ascending_places;
@@ -52,17 +54,20 @@ struct Patches {
 // across: b is the vertex farthest from a, and a the vertex farthest from the set's first vertex. Vertices are sorted
 // by how much closer they are to a than to b, and the closer half goes first. This runs before the reference frame is
 // known; null if a vertex has no neighbour.
-std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points);
+std::shared_ptr<Patches> early_patches(std::span<const ConnectivityView> objects, i64 points,
+                                       std::span<const u8> still = {});
 
 // Make patches of a mesh in which vertices at the same grid point are neighbours, too. Vertices without neighbours come
-// last, in Z-order. ties: for each vertex the first vertex that it is tied to, empty without ties. early: the result of
-// `early_patches`, which is returned if no vertices coincide.
+// last, in Z-order. ties: for each vertex the first vertex that it is tied to, empty without ties. still: whether each
+// vertex stands still, empty if none does. early: the result of `early_patches`, which is returned if no vertices
+// coincide.
 std::shared_ptr<Patches> build_patches(std::span<const ConnectivityView> objects, std::span<const GridPoint> grid,
-                                       i64 points, std::span<const i32> ties = {},
+                                       i64 points, std::span<const i32> ties = {}, std::span<const u8> still = {},
                                        std::shared_ptr<Patches> early = nullptr);
 
-// Cut curves into pieces of about `points` vertices, without tied vertices. The curves follow each other in `order`;
-// each begins at one of `starts`.
-Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties = {});
+// Cut curves into pieces of about `points` vertices, without tied vertices; the vertices that stand still are curves of
+// their own. The curves follow each other in `order`; each begins at one of `starts`.
+Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, std::span<const i32> ties = {},
+                   std::span<const u8> still = {});
 
 }  // namespace pdeanim

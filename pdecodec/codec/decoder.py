@@ -493,12 +493,14 @@ class Animation(MeshSequence):
     def reference_and_space(self) -> tuple[ReferenceFrame, SpaceBasis]:
         """The reference frame and the functions of space that every group is coded with."""
         with self._naming_the_file():
-            model, frame = self._core.model, self._core.reference()
+            model, frame, still = self._core.model, self._core.reference(), self._core.still_vertices
             form = SpaceForm(
                 SPACE_KINDS[model.kind], model.points, model.functions, model.threshold, model.rate, model.is_affine
             )
-            space = decode_space_basis(form, model.layout, self.meshes, frame.grid, ties=frame.ties)
-            shape = ReferenceFrame(frame.grid, np.array(frame.origin), frame.step, frame.is_smoothed, ties=frame.ties)
+            space = decode_space_basis(form, model.layout, self.meshes, frame.grid, ties=frame.ties, still=still)
+            shape = ReferenceFrame(
+                frame.grid, np.array(frame.origin), frame.step, frame.is_smoothed, ties=frame.ties, still=still
+            )
             return shape, space
 
     @property
@@ -518,6 +520,7 @@ class Animation(MeshSequence):
         """
         with self._naming_the_file():
             groups, space_kind, has_ties = self._core.groups, self._core.model.kind, self._core.ties_vertices
+            still = self._core.still_vertices
         frames = [group.frames for group in groups]
         return {
             **self._facts(),
@@ -527,6 +530,7 @@ class Animation(MeshSequence):
             "groups": len(groups),
             "group_frames": [min(frames), max(frames)],
             "tied_vertices": has_ties,
+            "still_vertices": int(np.count_nonzero(still)),
             "alternatives": self._remarks.get("alternatives"),
         }
 

@@ -12,6 +12,7 @@ MAX_POINTS = (256, 65535)
 MAX_FUNCTIONS, MAX_FRAMES = 128, 4096
 TRAJECTORIES, SHAPES, COSINES, CLOSED_FORM = 0, 1, 2, 3
 PRECISE = 4
+HAS_STILL = 2
 LARGEST_RATE = 12.0
 
 
@@ -26,14 +27,16 @@ class Model:
     rate: float
     has_affine: bool
     step: float
+    still: bytes
     layout: bytes
 
 
 def read_model(data: bytes) -> Model:
     """Section 10: read MODL."""
     fields = Fields(data)
-    kind = fields.u8()
-    require(kind in (PATCH, CURVE), "an unknown space basis")
+    flags = fields.u8()
+    require(flags <= HAS_STILL | CURVE, "an unknown space basis")
+    kind = flags & ~HAS_STILL
     points, functions, threshold = fields.count(), fields.u8(), fields.u8()
     rate, affine = (fields.f64(), fields.u8()) if kind == CURVE else (0.0, 1)
     require(0 <= rate <= LARGEST_RATE and affine < 2, "a rate or a kind of pieces out of range")
@@ -41,7 +44,9 @@ def read_model(data: bytes) -> Model:
     require(1 <= functions <= MAX_FUNCTIONS and threshold < 8, "a number of functions out of range")
     step = fields.f64()
     require(0 < step <= LARGEST_REAL, "a step out of range")
-    return Model(kind, points, functions, threshold, rate, affine == 1, step, fields.rest())
+    still = fields.take(fields.count()) if flags & HAS_STILL else b""
+    require(len(still) > 0 or not flags & HAS_STILL, "not which vertices stand still")
+    return Model(kind, points, functions, threshold, rate, affine == 1, step, still, fields.rest())
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
 
+from spec.decoder.contexts import Contexts
 from spec.decoder.curves import Points, extract_curves, sort_in_z_order
 from spec.decoder.groups import PATCH, Model
 from spec.decoder.mesh import NONE, Mesh
@@ -24,6 +25,8 @@ class Patches:
     """Number of each node's first half, which the second half follows; -1 for an element."""
     node_of: list[int]
     """The node of each element."""
+    moving: int
+    """Number of the first elements, which move; all others stand still."""
 
     @property
     def order(self) -> list[int]:
@@ -39,7 +42,28 @@ class Patches:
 def build_patches(model: Model, meshes: list[Mesh], reference: ReferenceFrame) -> Patches:
     """Divide a mesh into elements."""
     build = divide_by_halving if model.kind == PATCH else divide_curves
-    return build(meshes, reference.grid, reference.ties, model.points)
+    return build(meshes, reference.grid, reference.ties, read_still(model, meshes), model.points)
+
+
+def read_still(model: Model, meshes: list[Mesh]) -> list[int]:
+    """10.1: read whether each vertex stands still."""
+    still: list[int] = []
+    if not model.still:
+        return [0] * sum(mesh.vertices for mesh in meshes)
+    contexts, histories = Contexts(model.still), {"parts": 0, "objects": 0, "vertices": 0}
+
+    def read(name: str) -> int:
+        bit = contexts.bit(name, histories[name])
+        histories[name] = (2 * histories[name] + bit) % 16
+        return bit
+
+    for mesh in meshes:
+        if mesh.vertices and read("parts"):
+            still += [read("vertices") for _ in range(mesh.vertices)]
+        elif mesh.vertices:
+            still += [read("objects")] * mesh.vertices
+    contexts.finish()
+    return still
 
 
 def list_neighbours(meshes: list[Mesh], grid: Points, ties: list[int]) -> Links:
@@ -63,23 +87,26 @@ def list_neighbours(meshes: list[Mesh], grid: Points, ties: list[int]) -> Links:
     return [list(others) for others in neighbours]
 
 
-def divide_by_halving(meshes: list[Mesh], grid: Points, ties: list[int], points: int) -> Patches:
+def divide_by_halving(meshes: list[Mesh], grid: Points, ties: list[int], still: list[int], points: int) -> Patches:
     """9.1 to 9.3: divide the mesh into patches."""
     neighbours = list_neighbours(meshes, grid, ties)
     placed = [vertex for vertex, first in enumerate(ties) if vertex == first]
     isolated = sort_in_z_order([vertex for vertex in placed if not neighbours[vertex]], grid)
-    nodes = [[vertex for vertex in placed if neighbours[vertex]] + isolated]
+    order = [vertex for vertex in placed if neighbours[vertex]] + isolated
+    nodes, moving = [sorted(order, key=lambda vertex: still[vertex])], sum(not still[vertex] for vertex in order)
     begins, children = [0], []
     for number, members in enumerate(nodes):  # `nodes` grows in the loop
-        if len(members) <= points:
+        has_still = number == 0 and 0 < moving < len(members)
+        if len(members) <= points and not has_still:
             children.append(NONE)
             continue
         children.append(len(nodes))
-        order, cut = halve(members, neighbours)
+        order, cut = (members, moving) if has_still else halve(members, neighbours)
         nodes += [order[:cut], order[cut:]]
         begins += [begins[number], begins[number] + cut]
     node_of = sorted((node for node, child in enumerate(children) if child == NONE), key=lambda node: begins[node])
-    return Patches([nodes[node] for node in node_of], begins, children, node_of)
+    elements = [nodes[node] for node in node_of]
+    return Patches(elements, begins, children, node_of, sum(not still[element[0]] for element in elements))
 
 
 def visit(first: int, members: list[int], neighbours: Links) -> tuple[dict[int, int], list[int]]:
@@ -111,11 +138,12 @@ def halve(members: list[int], neighbours: Links) -> tuple[list[int], int]:
     return sorted(near, key=lambda vertex: near[vertex] - far[vertex]), size // 2
 
 
-def divide_curves(meshes: list[Mesh], grid: Points, ties: list[int], points: int) -> Patches:
+def divide_curves(meshes: list[Mesh], grid: Points, ties: list[int], still: list[int], points: int) -> Patches:
     """9.4: cut curves into pieces."""
-    curves = ([vertex for vertex in curve if ties[vertex] == vertex] for curve in extract_curves(meshes, grid))
+    curves = [[vertex for vertex in curve if ties[vertex] == vertex] for curve in extract_curves(meshes, grid)]
+    curves = [[vertex for vertex in curve if still[vertex] == s] for s in (0, 1) for curve in curves]
     pieces = [piece for curve in curves if curve for piece in cut_curve(curve, points)]
-    starts = [0, *accumulate(map(len, pieces))]
+    starts, moving = [0, *accumulate(map(len, pieces))], sum(not still[piece[0]] for piece in pieces)
     nodes, children = [(0, len(pieces))], []
     node_of = [NONE] * len(pieces)
     for number, (i, j) in enumerate(nodes):  # `nodes` grows in the loop
@@ -124,8 +152,9 @@ def divide_curves(meshes: list[Mesh], grid: Points, ties: list[int], points: int
             node_of[i] = number
         else:
             children.append(len(nodes))
-            nodes += [(i, (i + j) // 2), ((i + j) // 2, j)]
-    return Patches(pieces, [starts[i] for i, _ in nodes], children, node_of)
+            middle = moving if number == 0 and 0 < moving < j else (i + j) // 2
+            nodes += [(i, middle), (middle, j)]
+    return Patches(pieces, [starts[i] for i, _ in nodes], children, node_of, moving)
 
 
 def cut_curve(curve: list[int], w: int) -> list[list[int]]:

@@ -197,9 +197,10 @@ def build_space(model: Model, patches: Patches, grid: Points) -> Space:
     counts, kept = read_layout(model, patches)
     coordinates: dict[int, Floats] = {}
     found = []
-    for element, node in zip(patches.elements, patches.node_of, strict=True):
+    for number, (element, node) in enumerate(zip(patches.elements, patches.node_of, strict=True)):
         own = points[element]
-        functions = functions_of_element(model, own, counts[node])
+        is_still = number >= patches.moving
+        functions = np.zeros((0, len(own))) if is_still else functions_of_element(model, own, counts[node])
         found.append(functions)
         monomials = np.vstack([np.ones(len(own)), (own - own[0]).T.astype(np.float64)])
         coordinates[node] = functions[: counts[node]] @ monomials.T
@@ -219,7 +220,7 @@ def build_space(model: Model, patches: Patches, grid: Points) -> Space:
 def read_layout(model: Model, patches: Patches) -> tuple[list[int], dict[int, list[int]]]:
     """11.4: read how many affine functions each node or element has, and which of 1, x, y, z inner nodes keep."""
     contexts, counts, before = Contexts(model.layout), [0] * len(patches.children), 3
-    for element, node in zip(patches.elements, patches.node_of, strict=True):
+    for element, node in list(zip(patches.elements, patches.node_of, strict=True))[: patches.moving]:
         if model.has_affine:
             before = choose(4, partial(_ends_at, contexts, before))
             counts[node] = min(1 + before, len(element), model.functions)

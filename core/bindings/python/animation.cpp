@@ -188,6 +188,8 @@ nb::object model(PyAnimation &self) {
                  form.is_affine, own.residual_step, to_bytes(own.layout));
 }
 
+nb::object still_vertices(PyAnimation &self) { return to_array(self.animation()->sections().still_vertices()); }
+
 nb::list groups(PyAnimation &self) {
     return list_of(self.animation()->sections().table().groups(), [](const Group &group) {
         return named("Group", group.first, group.frames, group.functions, static_cast<int>(group.basis), group.step,
@@ -417,6 +419,7 @@ void bind_animation(nb::module_ &module) {
         .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.opened().file->container().file_bytes(); })
         .def_prop_ro("groups", &groups)
         .def_prop_ro("model", &model)
+        .def_prop_ro("still_vertices", &still_vertices)
         .def("names",
              [](PyAnimation &self) { return self.with([](Animation &own) { return own.sections().names(); }); })
         .def("connectivity", &connectivity)

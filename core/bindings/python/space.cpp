@@ -12,12 +12,14 @@
 #include "bindings/python/bindings.hpp"
 #include "sections/spatial/series.hpp"
 #include "sections/spatial/space_basis.hpp"
+#include "sections/spatial/still_vertices.hpp"
 
 namespace pdeanim::bindings {
 
 namespace {
 
 using Grid = Rows<i64, 3>;
+constexpr const char *still_differ = "the vertices that stand still belong to another mesh";
 template <class Real> using Values = nb::ndarray<const Real, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Quantised = nb::ndarray<const i64, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
@@ -34,28 +36,33 @@ template <auto member> nb::object patches_array(nb::handle self) {
     return inside(self, nb::cast<Patches &>(self).*member);
 }
 
-std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points) {
+std::shared_ptr<Patches> py_early_patches(const nb::list &objects, i64 points, const Flat<u8> &still) {
     require(points > 0, "patches must have points");
     const std::vector<ConnectivityView> views = views_of(objects);
+    i64 vertices = 0;
+    for (const ConnectivityView &object : views) vertices += object.vertices;
+    require(still.size() == 0 || still.size() == static_cast<std::size_t>(vertices), still_differ);
     nb::gil_scoped_release release;
-    return early_patches(views, points);
+    return early_patches(views, points, view(still));
 }
 
 std::shared_ptr<Patches> py_build_patches(const nb::list &objects, const Grid &grid, i64 points, const Flat<i32> &ties,
-                                          const std::shared_ptr<Patches> &early) {
+                                          const Flat<u8> &still, const std::shared_ptr<Patches> &early) {
     require(points > 0, "patches must have points");
     const std::vector<ConnectivityView> views = views_of(objects);
     const std::span<const GridPoint> points_of_grid = grid_of(grid, views);
     require(!points_of_grid.empty(), "a mesh must have vertices");
     require(!early || early->order.size() == grid.shape(0), "the early patches belong to another mesh");
     require(ties.size() == 0 || ties.size() == grid.shape(0), "the ties belong to another mesh");
+    require(still.size() == 0 || still.size() == grid.shape(0), still_differ);
     nb::gil_scoped_release release;
-    return build_patches(views, points_of_grid, points, view(ties), early);
+    return build_patches(views, points_of_grid, points, view(ties), view(still), early);
 }
 
 std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &starts, i64 points,
-                                       const Flat<i32> &ties) {
+                                       const Flat<i32> &ties, const Flat<u8> &still) {
     require(ties.size() == 0 || ties.size() == order.size(), "the ties belong to another mesh");
+    require(still.size() == 0 || still.size() == order.size(), still_differ);
     require(points > 0, "pieces must have points");
     const i64 vertices = static_cast<i64>(order.size());
     const auto bounds = view(starts);
@@ -64,8 +71,16 @@ std::shared_ptr<Patches> py_cut_curves(const Flat<i32> &order, const Flat<i64> &
             "curves do not cover the vertices");
     for (const i32 vertex : view(order)) require(vertex >= 0 && vertex < vertices, "a curve has a missing vertex");
     nb::gil_scoped_release release;
-    return std::make_shared<Patches>(
-        cut_curves({order.data(), order.data() + vertices}, {bounds.begin(), bounds.end()}, points, view(ties)));
+    return std::make_shared<Patches>(cut_curves({order.data(), order.data() + vertices}, {bounds.begin(), bounds.end()},
+                                                points, view(ties), view(still)));
+}
+
+nb::bytes py_encode_still(const Flat<u8> &still, const Flat<i64> &first_vertices) {
+    const auto bounds = view(first_vertices);
+    require(!bounds.empty() && bounds.front() == 0 && std::is_sorted(bounds.begin(), bounds.end()) &&
+                bounds.back() == static_cast<i64>(still.size()),
+            still_differ);
+    return to_bytes(encode_still(view(still), bounds));
 }
 
 // Return a selection of subbands of a basis; ValueError unless the subbands exist and ascend from 0.
@@ -213,10 +228,12 @@ void bind_space(nb::module_ &module) {
         .def_prop_ro("begins", &patches_array<&Patches::begins>)
         .def_prop_ro("children", &patches_array<&Patches::children>)
         .def_prop_ro("node_of", &patches_array<&Patches::node_of>);
-    module.def("early_patches", &py_early_patches, nb::arg("objects"), nb::arg("points"));
+    module.def("early_patches", &py_early_patches, nb::arg("objects"), nb::arg("points"), nb::arg("still"));
     module.def("build_patches", &py_build_patches, nb::arg("objects"), nb::arg("grid"), nb::arg("points"),
-               nb::arg("ties"), nb::arg("early").none());
-    module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"), nb::arg("ties"));
+               nb::arg("ties"), nb::arg("still"), nb::arg("early").none());
+    module.def("cut_curves", &py_cut_curves, nb::arg("order"), nb::arg("starts"), nb::arg("points"), nb::arg("ties"),
+               nb::arg("still"));
+    module.def("encode_still", &py_encode_still, nb::arg("still"), nb::arg("first_vertices"));
     nb::class_<PySpaceBasis> of_space(module, "SpaceBasis");
     of_space
         .def(nb::init<int, i64, int, int, double, bool, const std::shared_ptr<Patches> &, Grid,

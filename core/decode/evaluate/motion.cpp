@@ -203,6 +203,7 @@ template <class Real> void Motion<Real>::take_elements(i64 first, i64 end, Quant
     for (i64 e = first; e < end; ++e) {
         if (is_left_out(e)) continue;
         Element &own = elements[e];
+        if (basis->layout().rank(e) == 0) continue;  // the element stands still
         const i64 affine = basis->layout().affine(e), size = all.patches->size(e), own_row = first_row(e);
         used.clear();
         for (i64 k = affine > 0; k < basis->layout().rank(e); ++k) {

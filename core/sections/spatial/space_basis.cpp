@@ -11,14 +11,14 @@ namespace pdeanim {
 
 namespace {
 
-// Return the sums of the affine functions of all elements. local: number of local coordinates of each element; written
-// if empty.
+// Return the sums of the affine functions of all elements. local: number of local coordinates of each element that
+// moves; written if empty.
 std::vector<AffineSums> describe(const Elements &elements, int threads, std::vector<u8> &local) {
     const bool chooses = local.empty();
     std::vector<AffineSums> sums(elements.count());
     if (!elements.form.is_affine) return sums;
-    local.resize(sums.size());
-    in_shares(elements.count(), threads, [&](i64 first, i64 end) {
+    local.resize(elements.patches->moving);
+    in_shares(elements.patches->moving, threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements);
         for (i64 e = first; e < end; ++e) {
             local[e] = static_cast<u8>(functions.describe(e, chooses ? -1 : local[e], sums[e]));
@@ -82,7 +82,7 @@ void SpaceBasis::make_functions(int threads) {
         }
         made_.resize(made_starts_.back());
         std::mutex lock;
-        in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
+        in_shares(patches.moving, threads, [&](i64 first, i64 end) {
             ElementFunctions functions(elements_);
             for (i64 e = first; e < end; ++e) {
                 functions.make(e, layout().affine(e), layout().rank(e));
@@ -140,7 +140,7 @@ template <class Real> LargeArray<Real> SpaceBasis::project(std::span<const Real>
     };
     LargeArray<double> affine(affine_count * layout().nodes() * channels);
     LargeArray<Real> coefficients((selection ? selection->functions : functions()) * channels);
-    in_shares(elements_.count(), threads, [&](i64 first, i64 end) {
+    in_shares(elements_.patches->moving, threads, [&](i64 first, i64 end) {
         ElementFunctions functions(elements_);
         ElementSums<Real> sums(values.data(), channels);
         std::vector<Real> of_affine(affine_count * channels);

@@ -50,7 +50,7 @@ template <Mode mode> void code_masks(RangeCoder<mode> &coder, const std::vector<
 }
 
 std::size_t count_of_local(const SpaceForm &form, const Patches &patches) {
-    return form.is_affine ? static_cast<std::size_t>(patches.count()) : 0;
+    return form.is_affine ? static_cast<std::size_t>(patches.moving) : 0;
 }
 
 }  // namespace
@@ -87,7 +87,8 @@ SpaceLayout::SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> p
     // Unit vectors complete a basis if there are too few polynomials.
     const i64 most = form.is_affine ? form.functions : least(form.functions, space_functions);
     for (i64 e = 0; e < elements(); ++e) {
-        coefficient_starts_[e + 1] = coefficient_starts_[e] + least(patches_->size(e), most) - affine(e);
+        const i64 count = e < patches_->moving ? least(patches_->size(e), most) : 0;
+        coefficient_starts_[e + 1] = coefficient_starts_[e] + count - affine(e);
     }
     subbands_ = make_subbands();
 }

@@ -94,8 +94,8 @@ struct SubbandTable {
 
 class SpaceLayout {
 public:
-    // local: number of local coordinates in the affine functions of each element; empty if elements have no such
-    // functions. masks: which of 1, x, y and z each node keeps that is not an element (bits 0 to 3).
+    // local: number of local coordinates in the affine functions of each element that moves; empty if elements have no
+    // such functions. Elements that stand still have no functions. masks: which of 1, x, y and z each node keeps that is not an element (bits 0 to 3).
     SpaceLayout(const SpaceForm &form, std::shared_ptr<const Patches> patches, std::vector<u8> local,
                 std::vector<u8> masks);
 

@@ -44,7 +44,8 @@ from pdecodec.codec.sections.groups import (
 from pdecodec.codec.sections.residuals import ResidualPlan, encode_residuals, plan_residuals
 from pdecodec.codec.sections.space_basis import Rows, SpaceBasis
 from pdecodec.codec.sections.time_functions import QuantisedTimeFunctions, quantise_time_functions
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array, Uint8Array
+from pdecodec.mesh.still import NO_STILL
 from pdecodec.system.shares import both, thread_count
 
 STEP_SAMPLE = 2**19
@@ -186,6 +187,8 @@ class GroupFitter:
     tuning : Tuning
     places : int, optional
         Number of vertices that are not tied to others. Default: all.
+    still : (vertices,) uint8, optional
+        As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.still`. These vertices have no displacements.
 
     Attributes
     ----------
@@ -206,10 +209,12 @@ class GroupFitter:
         residual_step: float,
         tuning: Tuning,
         places: int | None = None,
+        still: Uint8Array = NO_STILL,
     ) -> None:
         self.tuning, self.places = tuning, places or len(reference)
         self.points, self.times, self._reference, self._first = points, times, reference, first
         self.bound, self.unit, self.residual_step = bound, unit, residual_step
+        self._still = still
         self.is_heavy = points.nbytes >= tuning.heavy_group_bytes
         self._displacements: dict[Origin, Displacements] = {}
         self._part_of: tuple[GroupFitter, slice] | None = None
@@ -218,7 +223,7 @@ class GroupFitter:
     def displacements(self, origin: Origin) -> Displacements:
         """Return the displacements from the decoded reference frame or from frame 0."""
         if origin not in self._displacements:
-            shape, sibling = self._reference, None
+            shape, sibling = self._shape, None
             if origin == "first":
                 shape, sibling = self._first.astype(np.float64), self.displacements("reference")
             part_of = (self._part_of[0].displacements(origin), self._part_of[1]) if self._part_of else None
@@ -226,6 +231,14 @@ class GroupFitter:
                 self.points, shape, self.unit, self.tuning, sibling=sibling, part_of=part_of
             )
         return self._displacements[origin]
+
+    @property
+    def _shape(self) -> Float64Array:
+        """Return what displacements are measured from: the decoded reference frame. Vertices that stand still lie at
+        their source, because the reference frame's error there is no motion.
+        """
+        still = self._still[:, np.newaxis]
+        return np.where(still, self._first, self._reference) if still.size else self._reference
 
     @property
     def is_large(self) -> bool:
@@ -255,7 +268,7 @@ class GroupFitter:
         other = self._with(self.points, self.times, reference, self._first)
         other._displacements = {
             "reference": Displacements(
-                self.points, reference, self.unit, self.tuning, alike=self.displacements("reference")
+                self.points, other._shape, self.unit, self.tuning, alike=self.displacements("reference")
             )
         }
         if "first" in self._displacements:
@@ -275,6 +288,7 @@ class GroupFitter:
             residual_step=self.residual_step,
             tuning=self.tuning,
             places=self.places,
+            still=self._still,
         )
         other.is_heavy = self.is_heavy
         return other

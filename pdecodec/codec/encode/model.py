@@ -30,8 +30,9 @@ from pdecodec.codec.sections.space_basis import (
     trial_space_basis,
 )
 from pdecodec.codec.settings import EffortName
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Uint8Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.still import NO_STILL
 from pdecodec.mesh.ties import NO_TIES
 from pdecodec.system.ahead import MadeAhead
 from pdecodec.system.shares import side_by_side
@@ -46,6 +47,9 @@ float32.
 
 COARSEST_STEP = 2.0
 """Coarsest step that is tried [units]: a coarser one breaks the bound even when smoothed."""
+
+STILL_BOUND_RATIO = 0.98
+"""Largest distance of a vertex that stands still from its source [bounds]: beyond it, a residual might be needed."""
 
 WELL_SMOOTHED, COARSE_GRID = 0.75, 512
 """Smoothing pays if it reduces a frame's mean error to at most this share, on a grid of at most this many steps
@@ -90,18 +94,30 @@ class References:
     ahead : Executor
         Encodes sections ahead.
     ties : (vertices,) int32, optional
+    still : (vertices,) uint8, optional
+    bound : float, optional [scene units]
+        Largest distance of vertices that stand still, which no residual corrects.
 
     Attributes
     ----------
     sections : MadeAhead
         Section REST of each reference frame.
     ties : (vertices,) int32
+    still : (vertices,) uint8
     tied : int
         Number of vertices that follow others.
     """
 
-    def __init__(self, objects: Sequence[MeshObject], ahead: Executor, ties: Int32Array = NO_TIES) -> None:
-        self._objects, self.ties = objects, ties
+    def __init__(
+        self,
+        objects: Sequence[MeshObject],
+        ahead: Executor,
+        ties: Int32Array = NO_TIES,
+        still: Uint8Array = NO_STILL,
+        *,
+        bound: float = math.inf,
+    ) -> None:
+        self._objects, self.ties, self.still, self._bound = objects, ties, still, bound
         self.tied = int(np.count_nonzero(ties != np.arange(ties.size)))
         self.sections: MadeAhead[ReferenceFrame, bytes] = MadeAhead(partial(encode_reference, objects=objects), ahead)
         self._frames: dict[float, ReferenceFrame] = {}
@@ -109,8 +125,16 @@ class References:
     def frame(self, points: Float32Array, step: float) -> ReferenceFrame:
         """Return the clip's first frame on a grid of `step`, smoothed if that brings it closer to the points."""
         if step not in self._frames:
-            self._frames[step] = quantise_smoothly(points, step, self._objects, self.ties)
+            frame = quantise_smoothly(points, step, self._objects, self.ties)
+            if self.still.size and self._farthest_still(frame, points) > STILL_BOUND_RATIO * self._bound:
+                frame = quantise_reference(points, step, self.ties)  # smoothing moves a few vertices away
+            self._frames[step] = replace(frame, still=self.still)
         return self._frames[step]
+
+    def _farthest_still(self, frame: ReferenceFrame, points: Float32Array) -> float:
+        """Return the largest distance of a vertex that stands still from its source [scene units]."""
+        off = (frame.points - points)[self.still.astype(bool)]
+        return math.sqrt(float((off * off).sum(axis=1).max()))
 
 
 SpatialBases = MadeAhead[tuple[SpaceKind, int], SpaceBasis]
@@ -307,6 +331,8 @@ class ModelSearch:
         if self.times.size == 1:
             return [SINGLE_FRAME_STEP * self.unit], 0
         steps = reference_steps(self.points[0], self.unit, self.tuning)
+        if self.references.still.size:
+            steps = [step for step in steps if step <= self.unit]
         smoothed, usual = (
             min(range(len(steps)), key=lambda k: abs(steps[k] - start * self.unit))
             for start in (self.tuning.smoothed_reference_step, self.tuning.reference_step)
@@ -331,6 +357,7 @@ class ModelSearch:
             residual_step=self.residual_step,
             tuning=self.tuning,
             places=self._places,
+            still=reference.still,
         )
 
     def _bases(self, reference: ReferenceFrame) -> SpatialBases:
@@ -344,6 +371,7 @@ class ModelSearch:
                 functions=self.functions,
                 early=self.patches,
                 ties=reference.ties,
+                still=reference.still,
             )
 
         return MadeAhead(made, self.ahead)

@@ -33,6 +33,7 @@ from pdecodec.codec.sections.space_basis import MAX_POINTS, SpaceBasis, build_sp
 from pdecodec.codec.settings import EncodeSettings
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import MeshSequence, Progress
+from pdecodec.mesh.ties import TieFinder
 
 ALPHAS = (1.5, 2.5, 3.5, 5.0, 7.0, 10.0)
 """Candidates for the rate of Eq. 12, over half a segment: at 3.14 sin and cos swing once over the segment."""
@@ -84,7 +85,8 @@ class PaperEncoder(Encoder):
         paper, self._rounded_up_at = settings.paper, Tuning().dead_zones[0][0]
         self._alphas: Sequence[float] = ALPHAS if paper.alpha is None else (paper.alpha,)
         sampled = [(self._read(*part), part) for part in self._sampled_segments()]
-        self._ties = self._find_ties(self._first[np.newaxis])
+        self._show_all(self._first[np.newaxis], finder := TieFinder(self._first))
+        self._ties = finder.ties
         finest = FINEST_STEP * self._scale
         fine = quantise_reference(self._first, finest)
         errors: dict[float, float] = {}

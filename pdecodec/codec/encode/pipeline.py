@@ -55,6 +55,7 @@ from pdecodec.mesh.arrays import Float32Array, Int32Array
 from pdecodec.mesh.jumps import JumpFinder
 from pdecodec.mesh.metrics import frame_scale, median_edge
 from pdecodec.mesh.sequence import Connectivity, MeshSequence, Progress
+from pdecodec.mesh.still import StillFinder
 from pdecodec.mesh.ties import NO_TIES, TieFinder
 from pdecodec.system.ahead import thread_ahead
 from pdecodec.system.shares import side_by_side, threads_for
@@ -174,15 +175,12 @@ class Encoder(ABC):
         block = self._sequence.frames_per_block
         return (checked_frames(self._sequence, at, min(at + block, end)) for at in range(begin, end, block))
 
-    def _find_ties(self, points: Float32Array) -> Int32Array:
-        """Return the ties of the whole clip, given its first frames; further frames are read only if vertices
-        coincide in these.
-        """
-        finder = TieFinder(points[0])
+    def _show_all(self, points: Float32Array, *finders: TieFinder | StillFinder) -> None:
+        """Add the whole clip to finders. Frames after the first ones, which are given, are read only if needed."""
         blocks = itertools.chain([points], self._blocks(len(points), self._sequence.frame_count))
-        while not finder.is_empty and (block := next(blocks, None)) is not None:
-            finder.add(block)
-        return finder.ties
+        while not all(finder.is_empty for finder in finders) and (block := next(blocks, None)) is not None:
+            for finder in finders:
+                finder.add(block)
 
     def _write_group(self, encoded: EncodedGroup, spools: Sequence[Spool]) -> None:
         self._largest_square = max(self._largest_square, encoded.largest_square)
@@ -377,7 +375,8 @@ class AutoEncoder(Encoder):
         """Return the parts of the first group, whose motion also decides how long groups are."""
         self._ranges = self._group_ranges(self._plan.group_frames)
         points = self._read(*self._ranges[0])
-        self._ties = self._find_ties(points)
+        self._show_all(points, ties := TieFinder(points[0]), standing := StillFinder(points[0]))
+        self._ties, still = ties.ties, standing.still(self._sequence.objects)
         longer = self._group_ranges(self._plan.smooth_group_frames)
         with thread_ahead(self._size) as ahead:
             search = ModelSearch(
@@ -389,8 +388,8 @@ class AutoEncoder(Encoder):
                 residual_step=steps["residual_step"],
                 functions=self._plan.functions,
                 tuning=self._tuning,
-                patches=EarlyPatches(self._sequence.objects),
-                references=References(self._sequence.objects, ahead, self._ties),
+                patches=EarlyPatches(self._sequence.objects, still),
+                references=References(self._sequence.objects, ahead, self._ties, still, bound=self._bound),
                 ahead=ahead,
             )
             most = self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied)
@@ -428,6 +427,7 @@ class AutoEncoder(Encoder):
             times=self._sequence.times[begin:end],
             tuning=self._tuning,
             places=self._space.order.size,
+            still=self._reference.still,
             **steps,
         )
 

@@ -14,30 +14,31 @@ import numpy as np
 
 from pdecodec import _core
 from pdecodec.codec.sections.connectivity import core_parts, predicted_on
-from pdecodec.mesh.arrays import Int32Array, Int64Array
+from pdecodec.mesh.arrays import Int32Array, Int64Array, Uint8Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.still import NO_STILL
 from pdecodec.mesh.ties import NO_TIES
 
 Patches = _core.Patches
 
 
-def early_patches(objects: Sequence[MeshObject], points: int) -> Patches | None:
+def early_patches(objects: Sequence[MeshObject], points: int, still: Uint8Array = NO_STILL) -> Patches | None:
     """Return the patches that follow from connectivity, before the reference frame is decoded; None if a vertex
     has no neighbour.
     """
-    return _core.early_patches(core_parts(predicted_on(objects)), points)
+    return _core.early_patches(core_parts(predicted_on(objects)), points, still)
 
 
 class EarlyPatches:
     """Caches the result of :func:`early_patches` for a mesh, by the number of points."""
 
-    def __init__(self, objects: Sequence[MeshObject]) -> None:
-        self._objects = objects
+    def __init__(self, objects: Sequence[MeshObject], still: Uint8Array = NO_STILL) -> None:
+        self._objects, self._still = objects, still
         self._made: dict[int, Patches | None] = {}
 
     def of(self, points: int) -> Patches | None:
         if points not in self._made:
-            self._made[points] = early_patches(self._objects, points)
+            self._made[points] = early_patches(self._objects, points, self._still)
         return self._made[points]
 
 
@@ -47,6 +48,7 @@ def build_patches(
     points: int,
     early: Patches | None = None,
     ties: Int32Array = NO_TIES,
+    still: Uint8Array = NO_STILL,
 ) -> Patches:
     """Return the patches of a mesh.
 
@@ -59,10 +61,10 @@ def build_patches(
         Largest number of vertices of a patch.
     early : Patches, optional
         The result of :func:`early_patches`, which is used unless vertices coincide.
-    ties : (vertices,) int32, optional
-        As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.ties`.
+    ties, still : optional
+        As those of :class:`pdecodec.codec.sections.reference.ReferenceFrame`.
     """
-    return _core.build_patches(core_parts(predicted_on(objects)), reference, points, ties, early)
+    return _core.build_patches(core_parts(predicted_on(objects)), reference, points, ties, still, early)
 
 
 @dataclass(frozen=True, eq=False)

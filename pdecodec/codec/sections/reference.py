@@ -18,8 +18,9 @@ import numpy as np
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import LARGEST_STEP, FieldReader, FieldWriter, section_fault
 from pdecodec.codec.sections.connectivity import predicted_on
-from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array, Uint8Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.still import NO_STILL
 from pdecodec.mesh.ties import NO_TIES
 
 WELDED, MATCHED, SMOOTHED, TIED = 1, 2, 4, 8
@@ -77,6 +78,8 @@ class ReferenceFrame:
         The grid from which smoothing makes `grid`, if it is known.
     ties : (vertices,) int32
         For each vertex, the first vertex that coincides with it in every frame; empty if no vertices are tied.
+    still : (vertices,) uint8
+        1 for each vertex that stands still: no function moves it. Empty if all move. It is coded in section MODL.
     """
 
     grid: Int64Array
@@ -85,6 +88,7 @@ class ReferenceFrame:
     is_smoothed: bool = False
     coded: CodedGrid | None = None
     ties: Int32Array = field(default_factory=lambda: NO_TIES)
+    still: Uint8Array = field(default_factory=lambda: NO_STILL)
 
     @property
     def tied(self) -> Int32Array:

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.codec.sections.bytestream import FieldWriter
 from pdecodec.codec.sections.elements import EarlyPatches, Patches, build_patches, extract_curves
-from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array, Uint8Array
 from pdecodec.mesh.sequence import MeshObject
+from pdecodec.mesh.still import NO_STILL
 from pdecodec.mesh.ties import NO_TIES
 from pdecodec.system.shares import thread_count
 
@@ -42,6 +43,9 @@ SpaceKind = Literal["patch", "curve"]
 
 SPACE_KINDS: tuple[SpaceKind, ...] = ("patch", "curve")
 """Kinds in the order of their numbers in the file."""
+
+HAS_STILL = 2
+"""Flag in the byte of the kind: some vertices stand still."""
 
 MAX_POINTS = {"patch": 256, "curve": 65535}
 """Largest number of vertices of a patch, and largest approximate number of vertices of a piece of a curve."""
@@ -101,6 +105,8 @@ class SpaceBasis:
     layout : bytes, optional
         The number of local coordinates of each element, and which of 1, x, y, z the nodes of the partition tree keep,
         as in :attr:`layout`. Default: chosen.
+    still : bytes
+        Which vertices stand still, coded for section MODL; empty if all move.
 
     Raises
     ------
@@ -123,8 +129,10 @@ class SpaceBasis:
         Index of each element's first function that is not affine.
     """
 
-    def __init__(self, form: SpaceForm, patches: Patches, reference: Int64Array, layout: bytes | None = None) -> None:
-        self.form, self.patches = form, patches
+    def __init__(
+        self, form: SpaceForm, patches: Patches, reference: Int64Array, layout: bytes | None = None, still: bytes = b""
+    ) -> None:
+        self.form, self.patches, self.still = form, patches, still
         self.core = _core.SpaceBasis(
             SPACE_KINDS.index(form.kind), form.points, form.functions, form.threshold, form.rate, form.affine,
             patches, reference, layout, thread_count(),
@@ -249,7 +257,7 @@ def clear_space_basis(basis: SpaceBasis, reference: Int64Array) -> SpaceBasis:
     for threshold in range(1, THRESHOLDS):
         if basis.is_clear:
             break
-        basis = SpaceBasis(replace(basis.form, threshold=threshold), basis.patches, reference)
+        basis = SpaceBasis(replace(basis.form, threshold=threshold), basis.patches, reference, still=basis.still)
     return basis
 
 
@@ -262,13 +270,15 @@ def trial_space_basis(
     functions: int,
     early: EarlyPatches | None = None,
     ties: Int32Array = NO_TIES,
+    still: Uint8Array = NO_STILL,
 ) -> SpaceBasis:
     """Build a space basis for estimates only. If it is chosen, :func:`clear_space_basis` must check it, which
     computes the functions and is most of the work.
     """
     form = SpaceForm(kind, points, functions)
     patches = early.of(points) if early and kind == "patch" else None
-    return SpaceBasis(form, _elements(form, objects, reference, patches, ties), reference)
+    coded = _core.encode_still(still, np.cumsum([0, *(item.vertex_count for item in objects)])) if still.size else b""
+    return SpaceBasis(form, _elements(form, objects, reference, patches, ties, still), reference, still=coded)
 
 
 def decode_space_basis(
@@ -278,6 +288,7 @@ def decode_space_basis(
     reference: Int64Array,
     early: Patches | None = None,
     ties: Int32Array = NO_TIES,
+    still: Uint8Array = NO_STILL,
 ) -> SpaceBasis:
     """Return the space basis of a file.
 
@@ -291,24 +302,29 @@ def decode_space_basis(
         Grid coordinates of the reference frame.
     early : Patches, optional
         The result of `pdecodec.codec.sections.elements.early_patches`; remade if the reference frame changes them.
-    ties : (vertices,) int32, optional
-        As :attr:`pdecodec.codec.sections.reference.ReferenceFrame.ties`.
+    ties, still : optional
+        As those of :class:`pdecodec.codec.sections.reference.ReferenceFrame`.
 
     Raises
     ------
     CorruptFileError
         If the layout does not end where the partition tree does.
     """
-    return SpaceBasis(form, _elements(form, objects, reference, early, ties), reference, layout)
+    return SpaceBasis(form, _elements(form, objects, reference, early, ties, still), reference, layout)
 
 
 def _elements(
-    form: SpaceForm, objects: Sequence[MeshObject], reference: Int64Array, early: Patches | None, ties: Int32Array
+    form: SpaceForm,
+    objects: Sequence[MeshObject],
+    reference: Int64Array,
+    early: Patches | None,
+    ties: Int32Array,
+    still: Uint8Array = NO_STILL,
 ) -> Patches:
     if form.kind == "patch":
-        return build_patches(objects, reference, form.points, early, ties)
+        return build_patches(objects, reference, form.points, early, ties, still)
     curves = extract_curves(objects, reference)
-    return _core.cut_curves(curves.order, curves.starts, form.points, ties)
+    return _core.cut_curves(curves.order, curves.starts, form.points, ties, still)
 
 
 def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array:
@@ -333,10 +349,12 @@ def arc_length_parameter(reference: Int64Array, pieces: Patches) -> Float64Array
 def encode_model(basis: SpaceBasis, residual_step: float) -> bytes:
     """Return section MODL: the parameters of the space basis, and the step of residuals [scene units]."""
     writer, form = FieldWriter(), basis.form
-    writer.numbers("B", SPACE_KINDS.index(form.kind))
+    writer.numbers("B", SPACE_KINDS.index(form.kind) | (HAS_STILL if basis.still else 0))
     writer.count(form.points)
     writer.numbers("BB", form.functions, form.threshold)
     if form.kind == "curve":
         writer.numbers("dB", form.rate, form.affine)
     writer.numbers("d", residual_step)
-    return writer.to_bytes() + basis.layout
+    if basis.still:
+        writer.count(len(basis.still))
+    return writer.to_bytes() + basis.still + basis.layout
