@@ -389,7 +389,7 @@ class AutoEncoder(Encoder):
                 functions=self._plan.functions,
                 tuning=self._tuning,
                 patches=EarlyPatches(self._sequence.objects, still),
-                references=References(self._sequence.objects, ahead, self._ties, still, bound=self._bound),
+                references=References(self._sequence.objects, ahead, self._ties, still, bound=steps["bound"]),
                 ahead=ahead,
             )
             most = self._tuning.smooth_bits * len(points) * (points.shape[1] - search.references.tied)
