@@ -51,9 +51,13 @@ public:
 
     // still: whether each vertex stands still, or empty; those vertices become the last ones.
     Patches halve(i64 points, std::span<const u8> still, std::vector<Tie> tied = {}) {
-        const auto is_moving = [&](i32 vertex) { return still.empty() || !still[vertex]; };
         const i64 size = static_cast<i64>(order_.size());
-        const i64 moving = std::stable_partition(order_.begin(), order_.end(), is_moving) - order_.begin();
+        i64 moving = still.empty() ? size : 0;
+        if (!still.empty()) {
+            i64 standing = 0;
+            for (const i32 vertex : order_) (still[vertex] ? visited_[standing++] : order_[moving++]) = vertex;
+            std::copy_n(visited_.begin(), standing, order_.begin() + moving);
+        }
         // Continue with a half that has just been made: it is still in the processor's caches.
         std::vector<Set> sets = {{.begin = 0, .end = size}};
         std::vector<i64> waiting = {0};
@@ -266,7 +270,7 @@ Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, 
     if (!found.tied.empty() || !still.empty()) {
         std::vector<i32> kept;
         std::vector<i64> kept_starts = {0};
-        const auto keep = [&](bool is_still) {
+        for (const bool is_still : {false, true}) {
             for (std::size_t curve = 0; curve + 1 < starts.size(); ++curve) {
                 for (i64 at = starts[curve]; at < starts[curve + 1]; ++at) {
                     const i32 vertex = order[at];
@@ -276,10 +280,8 @@ Patches cut_curves(std::vector<i32> order, std::vector<i64> starts, i64 points, 
                 const i64 end = static_cast<i64>(kept.size());
                 if (end > kept_starts.back()) kept_starts.push_back(end);
             }
-        };
-        keep(false);
-        moving = static_cast<i64>(kept.size());
-        keep(true);
+            if (!is_still) moving = static_cast<i64>(kept.size());
+        }
         order = std::move(kept);
         starts = std::move(kept_starts);
     }

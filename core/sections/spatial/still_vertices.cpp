@@ -1,6 +1,5 @@
 #include "sections/spatial/still_vertices.hpp"
 
-#include <algorithm>
 #include <array>
 
 #include "base/errors.hpp"
@@ -10,34 +9,32 @@ namespace pdeanim {
 
 namespace {
 
-// Codes bits with the four bits before as context.
-template <Mode mode> class BitHistory {
-public:
-    bool code(RangeCoder<mode> &coder, bool bit) {
-        bit = coder.bit(models_[history_], bit);
-        history_ = (2 * history_ + bit) % histories;
-        return bit;
-    }
+constexpr int histories = 16;  // the last four bits of a kind are the context of the next one
 
-private:
-    static constexpr int histories = 16;
-    std::array<BitModel, histories> models_;
-    int history_ = 0;
-};
+enum Kind { of_parts, of_objects, of_vertices, kinds };
 
-// Code for each object that has vertices whether all of them do the same; then one bit for all, or one for each.
+// Code for each object that has vertices whether only some of them stand still; then one bit for all, or one for each.
 template <Mode mode>
 void code_still(RangeCoder<mode> &coder, std::span<u8> still, std::span<const i64> first_vertices) {
-    BitHistory<mode> of_parts, of_objects, of_vertices;
+    std::array<std::array<BitModel, histories>, kinds> models;
+    std::array<int, kinds> history{};
     for (std::size_t object = 0; object + 1 < first_vertices.size(); ++object) {
-        const auto begin = still.begin() + first_vertices[object], end = still.begin() + first_vertices[object + 1];
+        const i64 begin = first_vertices[object], end = first_vertices[object + 1];
         if (begin == end) continue;
         coder.check_not_ended();
-        const auto is_other = [&](u8 own) { return own != *begin; };
-        if (of_parts.code(coder, mode != Mode::decode && std::any_of(begin, end, is_other))) {
-            for (auto at = begin; at < end; ++at) *at = of_vertices.code(coder, *at != 0);
-        } else {
-            std::fill(begin, end, of_objects.code(coder, *begin != 0));
+        bool has_parts = false;
+        if constexpr (mode == Mode::encode) {
+            for (i64 vertex = begin; vertex < end; ++vertex) has_parts |= still[vertex] != still[begin];
+        }
+        const auto code = [&](Kind kind, bool bit) {
+            bit = coder.bit(models[kind][history[kind]], bit);
+            history[kind] = (2 * history[kind] + bit) % histories;
+            return bit;
+        };
+        has_parts = code(of_parts, has_parts);
+        for (i64 vertex = begin; vertex < end; ++vertex) {
+            const bool is_known = !has_parts && vertex > begin;
+            still[vertex] = is_known ? still[begin] : code(has_parts ? of_vertices : of_objects, still[vertex] != 0);
         }
     }
 }
@@ -56,7 +53,7 @@ std::vector<u8> decode_still(std::span<const u8> data, std::span<const i64> firs
     std::vector<u8> still(first_vertices.back());
     code_still(coder, std::span(still), first_vertices);
     if (!coder.is_finished()) {
-        throw CorruptError(Section("MODL"), "says of more vertices than there are that they stand still");
+        throw CorruptError(Section("MODL"), "does not end with its vertices");
     }
     return still;
 }
