@@ -371,16 +371,21 @@ class ShapeOver(ABC):
 
     def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
         """Write samples of the frames from `start` on; positions and velocities are those of all objects."""
-        scene = block[:, self._own]
-        points = self._placed.points(scene, start)
-        moving = None if speeds is None else self._placed.velocities(speeds[:, self._own], points, start)
+        self._write(
+            block[:, self._own], None if speeds is None else speeds[:, self._own], range(start, start + len(block))
+        )
+
+    def _write(self, scene: Float32Array, speeds: Float32Array | None, frames: Sequence[int]) -> None:
+        """Write samples of the shape at some frames, which follow one another unless its transform is constant."""
+        points = self._placed.points(scene, frames[0])
+        moving = None if speeds is None else self._placed.velocities(speeds, points, frames[0])
         normals = iter([None] * len(points)) if self._rows is None else self._rows.of_each(scene)
         if self._gather is not None:
             points = points[:, self._gather]
             moving = None if moving is None else moving[:, self._gather]
-        for number, rows in enumerate(normals):
-            turned = None if rows is None else self._placed.normals(rows, start + number)
-            self._sample(start + number, points[number], None if moving is None else moving[number], turned)
+        for number, (frame, rows) in enumerate(zip(frames, normals, strict=False)):
+            turned = None if rows is None else self._placed.normals(rows, frame)
+            self._sample(frame, points[number], None if moving is None else moving[number], turned)
 
     @abstractmethod
     def _sample(
@@ -395,13 +400,14 @@ def write_over(
     output: Output,
     title: str,
     before: Callable[[int], None] = lambda frames: None,
-) -> Iterator[None]:
-    """Write samples of all shapes block by block; `before` is called with the frame count of each block before
-    it is written.
+) -> Iterator[range]:
+    """Write samples of all shapes block by block, and yield the frames of each block.
+
+    `before` is called with the frame count of each block before it is written.
     """
     for start, block in output.blocks(sequence, title):
         before(len(block))
         speeds = None if output.velocities is None else output.velocities.read_frames(start, start + len(block))
         for shape in shapes:
             shape.write(block, speeds, start)
-        yield
+        yield range(start, start + len(block))

@@ -27,6 +27,7 @@ from pdecodec.formats.usd.implicit import Implicit
 from pdecodec.formats.usd.layers import check_package, usd_scope
 from pdecodec.formats.usd.metadata import SAMPLED
 from pdecodec.formats.usd.reader import UsdSequence
+from pdecodec.formats.usd.samples import StaticStart, hold_frames
 from pdecodec.formats.usd.writer import layer_file, packed, stage_folder, vectors
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Connectivity, MeshSequence
@@ -176,7 +177,8 @@ class _Over:
             above.SetInstanceable(False)
 
     def write(self) -> None:
-        for _ in write_over(self._prims, self._sequence, self._output, "USD"):
+        for frames in write_over(self._prims, self._sequence, self._output, "USD"):
+            hold_frames(self._prims, frames)
             self._stage.GetRootLayer().Save()
 
 
@@ -225,6 +227,17 @@ class _PrimOver(ShapeOver):
             attribute.Clear()
         self._normals: Any = None if rows is None else _open_normals(geometry, rows, item.connectivity)
         self._geometry = geometry
+        self.static, self.vertices = StaticStart(), fit.own.stop - fit.own.start
+
+    def write(self, block: Float32Array, speeds: Float32Array | None, start: int) -> None:
+        every = speeds is not None or not self._placed.is_constant
+        frames = range(start, start + len(block))
+        scene, written = self.static.needed(block[:, self._own], frames, every=every)
+        if written:
+            self._write(scene, None if speeds is None else speeds[:, self._own], [*map(int, written)])
+
+    def hold(self, codes: Sequence[float]) -> None:
+        self._write(self.static.held(codes), None, [*map(int, codes)])
 
     def _sample(
         self, frame: int, points: Float32Array, speeds: Float32Array | None, normals: Float32Array | None

@@ -47,6 +47,7 @@ from pdecodec.formats.usd.metadata import (
     time_range,
     valid_name,
 )
+from pdecodec.formats.usd.samples import StaticStart, hold_frames
 from pdecodec.formats.usd.shapes import SUBDIVISION_SCHEMES
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
@@ -158,7 +159,8 @@ class _Stage:
         }
 
     def write(self) -> tuple[str, ...]:
-        for _ in write_shapes(self._sequence, self._output, "USD", self._shapes):
+        for times in write_shapes(self._sequence, self._output, "USD", self._shapes):
+            hold_frames(self._shapes.values(), codes_of(times, self._rate).tolist())
             self._stage.GetRootLayer().Save()
         told = dict.fromkeys(notice for shape in self._shapes.values() for notice in shape.notices)
         return (*self.notices, *told)
@@ -243,10 +245,7 @@ class _PrimWriter(ShapeWriter):
         self._normals: Any = None
         self._transform: Attribute | None = None
         self._op: Any = None
-        self._still: Float32Array | None = None
-        """Positions of the first frame, as long as the shape is static under a transform that moves it."""
-        self._last, self._moves = 0.0, False
-        """Time code of the last frame at which the shape was static; whether its points move"""
+        self.static, self.vertices = StaticStart(), 0
         self._first: Any = None
         """Time code at which the first run begins, or USD's code for values without samples"""
         self._at: Any = None
@@ -259,6 +258,7 @@ class _PrimWriter(ShapeWriter):
 
     def begin(self, item: MeshObject, times: Float64Array) -> None:
         super().begin(item, times)
+        self.vertices = item.vertex_count
         ends = [Usd.TimeCode(code) for code in codes_of(times[[0, -1]], self._rate).tolist()]
         ends = ends[: times.size] if self.changes else [Usd.TimeCode.Default()]
         self._at = ends[0]
@@ -288,7 +288,7 @@ class _PrimWriter(ShapeWriter):
         velocities: Any = None if speeds is None else self._geometry.CreateVelocitiesAttr()
         # Outside of a change block, every value that is set notifies the stage.
         with Sdf.ChangeBlock():
-            self._write_points(*self._samples(points, codes, every=speeds is not None))
+            self._write_points(*self.static.needed(points, codes, every=speeds is not None or self.changes))
             if speeds is not None:
                 for code, row in zip(codes, speeds, strict=True):
                     velocities.Set(vectors(row), code)
@@ -300,18 +300,10 @@ class _PrimWriter(ShapeWriter):
                 return
             for code, numbers in zip(codes, matrices, strict=True):
                 self._op.Set(Gf.Matrix4d(*numbers), code)
+            self.static.codes = codes
 
-    def _samples(self, points: Float32Array, codes: list[float], *, every: bool) -> tuple[Float32Array, list[float]]:
-        """Return positions and time codes to write: one sample while the points are static under a moving transform."""
-        if every or self._moves or self._transform is None or len(self._transform.values) == 1:
-            return points, codes
-        known, self._still = self._still, points[0].copy() if self._still is None else self._still
-        if (points == self._still).all():
-            self._last = codes[-1]
-            return (points[:1], codes[:1]) if known is None else (points[:0], [])
-        self._moves = True
-        # The points were static until now, so the last static frame needs a sample too.
-        return (points, codes) if known is None else (np.concatenate([known[None], points]), [self._last, *codes])
+    def hold(self, codes: Sequence[float]) -> None:
+        self._write_points(self.static.held(codes), [*codes])
 
     def _write_points(self, points: Float32Array, codes: list[float]) -> None:
         for frame, (code, normals) in enumerate(zip(codes, self.normals_at(points), strict=True)):
