@@ -266,7 +266,12 @@ struct RunSections::EarlyPatches {
 
 // Begin to make early patches; null if they would be wrong because vertices are welded, or if no thread is free.
 std::shared_ptr<RunSections::EarlyPatches> RunSections::begin_early_patches(GroupsAhead *ahead) {
-    if (threads_ < 2 || reference_ || reference_kind() & welds_points) return nullptr;
+#if defined(__wasm__)
+    constexpr bool has_threads = false;  // a web page downloads this code
+#else
+    constexpr bool has_threads = true;
+#endif
+    if (!has_threads || threads_ < 2 || reference_ || reference_kind() & welds_points) return nullptr;
     auto early = std::make_shared<EarlyPatches>();
     const auto make = [this, ahead, own = early.get(), parts = views_of(predicted_on())] {
         GroupCoefficients *coefficients = nullptr;

@@ -6,8 +6,9 @@ converted to the space of their shapes.
 
 from __future__ import annotations
 
+import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -58,6 +59,32 @@ def _archive_like(original: AlembicSequence, path: Path) -> Any:
     return Abc.CreateArchiveWithInfo(str(path), told["appName"], told["userDescription"])
 
 
+def moved_shapes(original: AlembicSequence, fits: Sequence[Fitted], *, keeps_instances: bool) -> dict[str, Fitted]:
+    """Return the objects that a motion replaces, by path. `keeps_instances` leaves out instances, and what they are
+    instances of: a carried scene holds these as they were.
+    """
+    paths = {original.shapes[one.index].node.getFullName(): one for one in fits}
+    kept = {path for pair in _instances(original.top) for path in pair} if keeps_instances else set()
+    return {path: one for path, one in paths.items() if not any(above in kept for above in _branch(path))}
+
+
+def _instances(top: Any) -> Iterator[tuple[str, str]]:
+    """Yield the path of each instance, and that of the object that it is an instance of."""
+    left = [top]
+    while left:
+        item = left.pop()
+        for child in map(item.getChild, range(item.getNumChildren())):
+            if child.isInstanceRoot():
+                yield child.getFullName(), child.instanceSourcePath()
+            else:
+                left.append(child)
+
+
+def _branch(path: str) -> Iterator[str]:
+    """Yield the paths of an object and of all above it."""
+    return itertools.accumulate(path.split("/"), "{}/{}".format)
+
+
 class _Copy:
     """An archive that is being written."""
 
@@ -71,7 +98,7 @@ class _Copy:
         path: Path,
     ) -> None:
         self._sequence, self._original, self._output = sequence, original, output
-        self._moved = {original.shapes[one.index].node.getFullName(): one for one in fits}
+        self._moved = moved_shapes(original, fits, keeps_instances=output.is_filled)
         self._archive = _archive_like(original, path)
         self._room = ReservedRoom(path)
         # Alembic ends the process if there is no room for its last bytes, so room is reserved before anything is

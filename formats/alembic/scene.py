@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
 from pdecodec.formats.alembic.ogawa import KEY_BYTES, blocks
+from pdecodec.formats.alembic.onto import moved_shapes
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import to_numpy
 from pdecodec.formats.base.carried_fields import StoredFields
@@ -57,7 +58,7 @@ class AlembicFamily:
         for number, one in enumerate(fits):
             for key, values in arrays_of(one.item, exact_uvs=exact_uvs):
                 known.setdefault(values.tobytes(), [number, *key])
-        moved = {original.shapes[one.index].node.getFullName() for one in fits}
+        moved = moved_shapes(original, fits, keeps_instances=True)
         places = {
             (original.shapes[fits[number].index].node.getFullName(), source.place): (name, number)
             for name, number, source in fields.sources()
@@ -168,5 +169,7 @@ def _of_property(stored: Any) -> Iterator[tuple[float, NDArray[Any]]]:
 
 def _nouns(top: Any) -> Iterator[str]:
     for item in _objects(top):
+        if item.isInstanceRoot():
+            yield "instance"
         schema = item.getMetaData().get("schema")
         yield from (noun for word, noun in _NOUNS.items() if word in schema)

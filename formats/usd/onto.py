@@ -142,6 +142,9 @@ class _Over:
         self._sequence, self._stage, self._output = sequence, stage, output
         per_second = stage.GetTimeCodesPerSecond()
         codes = codes_of(sequence.times, per_second)
+        if output.is_filled:
+            # A carried scene holds instances as they were: their samples are in what they are instances of.
+            fits = [one for one in fits if not original.shapes[one.index].is_instance]
         shapes = [original.shapes[one.index] for one in fits]
         of_points = [one.name for one in shapes if one.instances]
         if of_points:

@@ -46,7 +46,7 @@ _FEWEST = 4
 _REPLACED = {"points": "zeros", "normals": "nothing", "primvars:normals": "nothing", "extent": "gone"}
 """What replaces the values that the motion gives."""
 
-_NOUNS = {"Camera": "camera", "Material": "material", "Skeleton": "skeleton"}
+_NOUNS = {"PointInstancer": "instance", "Camera": "camera", "Material": "material", "Skeleton": "skeleton"}
 
 
 class UsdFamily:
@@ -58,8 +58,6 @@ class UsdFamily:
         """Return the layers of a stage without coded arrays, and the other files of a package."""
         stage = original.stage
         shapes = [original.shapes[one.index] for one in fits]
-        if of_points := [one.name for one in shapes if one.instances]:
-            raise InputError(f"{of_points[0]} is an instance of a PointInstancer", code="unsupported-feature")
         is_package = source.suffix.lower() == ".usdz"
         files, outside = _files_of(source, is_package=is_package)
         root = next(iter(files)) if is_package else source.name
@@ -67,11 +65,13 @@ class UsdFamily:
         arrays: list[list[Any]] = []
         samples: list[list[Any]] = []
         coded = {(number, one.place): name for name, number, one in fields.sources()}
-        kept = _kept_specs(stage, {one.prim.GetPath() for one in shapes})
+        kept = _kept_specs(stage, {one.prim.GetPath() for one in shapes if not one.is_instance})
         with stage_errors(source), tempfile.TemporaryDirectory(prefix="pdecodec-") as room:
             bare: dict[str, Any] = {}
             for number, (shape, one) in enumerate(zip(shapes, fits, strict=True)):
                 known = {_key(values): key for key, values in reversed([*arrays_of(one.item, exact_uvs=exact_uvs)])}
+                if shape.is_instance:
+                    continue
                 for spec, kind in _cut_specs(shape.prim, kept, {place for owner, place in coded if owner == number}):
                     name = names.get(spec.layer)
                     if name not in files:
@@ -276,7 +276,7 @@ def _contents(stage: Any, files: dict[str, bytes]) -> dict[str, int]:
     found: dict[str, int] = {}
     for prim in stage.TraverseAll():
         kind = str(prim.GetTypeName())
-        noun = "light" if kind.endswith("Light") else _NOUNS.get(kind)
+        noun = "light" if kind.endswith("Light") else "instance" if prim.IsInstance() else _NOUNS.get(kind)
         if noun is not None:
             found[noun] = found.get(noun, 0) + 1
     textures = [name for name in files if not Sdf.FileFormat.FindByExtension(Path(name).suffix[1:])]

@@ -54,6 +54,11 @@ class UsdShape(Shape):
     """Time codes at which its connectivity is sampled; empty if that is constant."""
 
     @property
+    def is_instance(self) -> bool:
+        """Whether others share what is stored of it."""
+        return bool(self.instances) or self.prim.IsInstanceProxy()
+
+    @property
     def placed_by(self) -> Any:
         """The prim in whose space the points are."""
         return self.skinning.skeleton_prim if self.skinning is not None and self.skinning.has_joints else self.prim
