@@ -105,6 +105,17 @@ def test_a_file_that_is_coded_already_is_stored_without_encoding_it_again(tmp_pa
             assert np.array_equal(stored.read_frames(0, 36), coded.read_frames(0, 36))
 
 
+def test_a_stored_motion_is_turned_by_its_nodes(tmp_path: Path) -> None:
+    clip = CLIPS["polygons"]()
+    clip.metadata = {"up_axis": "Z", "unit": "m"}
+    encode(clip, tmp_path / "a.pdeanim", SETTINGS)
+    with open_animation(tmp_path / "a.pdeanim") as coded:
+        write_sequence(coded, tmp_path / "a.glb", motion=EncodeSettings())
+        write_sequence(coded, tmp_path / "b.glb")
+    with open_sequence(tmp_path / "a.glb") as found, open_sequence(tmp_path / "b.glb") as expected:
+        assert largest_distance(found, expected) <= 1e-6 * frame_scale(clip.read_frames(0, 1)[0])
+
+
 Change = Callable[[dict[str, Any]], object]
 
 
