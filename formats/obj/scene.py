@@ -115,6 +115,7 @@ _TOKENS = {"v": " {0}", "t": " {0}/{1}", "n": " {0}//1", "b": " {0}/{1}/1"}
 """Text of a corner from its vertex and texture vertex. The numbers of normals follow when normals are written."""
 
 _BARE = re.compile(rb"^([ \t]*)(?:(vt)[ \t]*|f[ \t]+([vtnb]*))(?=\r?$)", re.MULTILINE)
+"""Pattern of a line whose numbers were removed."""
 
 
 def _filled(text: bytes, objects: Sequence[MeshObject], cut: set[str]) -> bytes:

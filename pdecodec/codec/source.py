@@ -141,7 +141,9 @@ def naming_file_of(source: Source, first_frame: int = 0) -> Iterator[None]:
     except ValueError as error:
         if not getattr(source.file, "closed", False):
             raise
-        raise InputError("its file was closed; open both again", code="file-changed", path=source.name) from error
+        raise InputError(
+            "its file was closed; open the file and the animation again", code="file-changed", path=source.name
+        ) from error
     except MemoryError as error:
         raise LimitError("needs more memory than there is; lower the memory limit", path=source.name) from error
 

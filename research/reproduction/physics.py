@@ -81,10 +81,18 @@ def beam_errors() -> dict[int, dict[str, Float64Array]]:
 
 @dataclass(frozen=True, eq=False)
 class TiedRates:
-    """Mean errors E_A of the honest method on the rope along r.
+    """Mean errors E_A of the honest method on the rope for each r.
 
-    With alpha tied to r by the scene, with the best of some free alphas, and with polynomials; and the factor
-    sqrt(K/m) over unit times and lengths.
+    Attributes
+    ----------
+    factor : float
+        ``sqrt(K/m)``, with times and lengths scaled to 1.
+    tied : array
+        Errors if r and the factor determine alpha.
+    free : array
+        Errors with the best of several free values of alpha.
+    polynomials : float
+        Error with polynomials as functions.
     """
 
     factor: float

@@ -378,7 +378,7 @@ class Cover:
         return is_closed
 
     def _lay_paths(self, *, ends_only: bool) -> None:
-        """8.4: do one pass."""
+        """8.4: lay paths in one pass over the vertices; with `ends_only`, only paths that begin at an end."""
         counter, hint = 0, NONE
         while True:
             while hint == NONE and counter < len(self._taken):

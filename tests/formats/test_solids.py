@@ -104,7 +104,7 @@ def test_runs_after_one_without_cells_are_written_as_their_surface(tmp_path: Pat
 
 
 def cells_at(points: np.ndarray, shapes: list[int], counts: list[int]) -> pdecodec.ArraySequence:
-    """Return cells that have the points in their order, with a field on the cells."""
+    """Return cells whose nodes are the points, in order, with a field on the cells."""
     whole = Connectivity(
         len(points), cell_shapes=np.array(shapes), cell_counts=np.array(counts), cell_indices=np.arange(len(points))
     )
