@@ -89,7 +89,7 @@ def test_missing_looks_and_cycles_are_noted_in_one_line(tmp_path: Path, capfd: p
     path = stage(tmp_path, MESH + body)
     assert run(["encode", str(path), str(tmp_path / "x.pdeanim")]) == 0
     said = capfd.readouterr().err
-    assert "note: not there: gone.usda, a reference of /look\n" in said
+    assert "note: missing: gone.usda, a reference of /look\n" in said
     assert said.count("gone.usda") == 1
     assert "note: USD does not compose /round: Cycle detected" in said
     assert ".cpp" not in said
