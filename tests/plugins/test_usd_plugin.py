@@ -201,6 +201,8 @@ def test_a_scene_opens_as_the_stage_that_it_decodes_to(tmp_path: Path, name: str
 def test_the_argument_fps_is_that_of_decoding(clip: Path, vectors: Path, tmp_path: Path) -> None:
     assert_matches_written(clip, tmp_path, fps=30)
     assert_matches_written(vectors / "polygons_attributes.pdeanim", tmp_path, fps=7.5)
+    with pytest.raises(Tf.ErrorException, match="more than the memory limit allows"):
+        opened(clip, memory=0.001)
     for argument in ({"fps": "fast"}, {"fps": -1}, {"fps": 1e12}, {"cache": 0}):
         with pytest.raises(Tf.ErrorException, match=f"argument '{next(iter(argument))}'"):
             opened(clip, **argument)

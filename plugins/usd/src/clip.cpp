@@ -35,12 +35,13 @@ Run::Run(std::shared_ptr<const Source> source, pdeanim_animation *handle, bool c
     }
 }
 
-Clip::Clip(const std::string &resolved_path, std::size_t max_kept) : path_(resolved_path) {
+Clip::Clip(const std::string &resolved_path, std::size_t max_memory, std::size_t max_kept) : path_(resolved_path) {
     std::shared_ptr<ArAsset> asset = ArGetResolver().OpenAsset(ArResolvedPath(resolved_path));
     if (!asset) throw Failure("the file cannot be opened; check that it exists and may be read");
     source_ = std::make_shared<Source>(Source{asset});
     pdeanim_options options{};
     options.size = sizeof options;
+    options.max_memory = max_memory;
     options.max_kept = max_kept;
     pdeanim_error error;
     check(pdeanim_open_read(read_asset, asset.get(), asset->GetSize(), &options, &handle_, &error), error);

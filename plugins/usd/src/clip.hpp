@@ -49,8 +49,9 @@ private:
 
 class Clip {
 public:
-    // Open a file; `max_kept` is the size of the cache of decoded groups [bytes]. Raise Failure if it cannot be read.
-    Clip(const std::string &resolved_path, std::size_t max_kept);
+    // Open a file. `max_memory` is the largest memory that decoding may take, 0 for the library's own limit, and `max_kept`
+    // the size of the cache of decoded groups [bytes]. Raise Failure if it cannot be read.
+    Clip(const std::string &resolved_path, std::size_t max_memory, std::size_t max_kept);
     ~Clip() { pdeanim_close(handle_); }
     Clip(const Clip &) = delete;
 

@@ -36,7 +36,7 @@ public:
 
     bool CanRead(const std::string &path) const override {
         try {
-            Clip(path, 0);
+            Clip(path, 0, 0);
             return true;
         } catch (const Failure &) {
             return false;
@@ -49,7 +49,8 @@ public:
             const double fps = number_argument(arguments, "fps", 0);
             const double cache = number_argument(arguments, "cache", TfGetEnvSetting(PDEANIM_USD_CACHE)) * (1 << 20);
             const auto of_values = static_cast<std::size_t>(cache * share_of_values);
-            const auto clip = std::make_shared<Clip>(path, static_cast<std::size_t>(cache) - of_values);
+            const auto memory = static_cast<std::size_t>(number_argument(arguments, "memory", 0) * (1 << 20));
+            const auto clip = std::make_shared<Clip>(path, memory, static_cast<std::size_t>(cache) - of_values);
             const auto evaluator = std::make_shared<Evaluator>(clip, fps, of_values);
             SdfAbstractDataRefPtr data = layer_data_of(evaluator, metadata_only);
             _SetLayerData(layer, data);
