@@ -23,7 +23,9 @@ from pdecodec.formats.alembic.fields import (
 )
 from pdecodec.formats.alembic.values import ALWAYS, change_times, sample_times, select, times_within, to_numpy
 from pdecodec.formats.base.attribute_roles import GROUP, MATERIAL, SPACE, UV, VELOCITIES, role_name
+from pdecodec.formats.base.normals import SHARED_NORMAL
 from pdecodec.formats.base.scene_reading import Extras
+from pdecodec.formats.base.stored_normals import StoredNormals, spread
 from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import AttributeDomain, Connectivity
@@ -156,9 +158,7 @@ def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: An
                         extras.add(name, domain, values, indices)
         if kind == "mesh" and schema.getNormalsParam().valid() and schema.getNormalsParam().getNumSamples():
             with extras.reading("N"):
-                domain, values, indices = _sample(schema.getNormalsParam(), at)
-                if at is None or values.size:
-                    extras.add_normals(domain, values, indices)
+                _read_normals(schema, extras, at)
         _read_face_sets(node, extras, at)
     parameters = schema.getArbGeomParams()
     if parameters.valid():
@@ -167,6 +167,25 @@ def read_extras(kind: str, schema: Any, node: Any, extras: AlembicExtras, at: An
             with extras.reading(f".arbGeomParams/{header.getName()}"):
                 _read_parameter(parameters, header, extras, at)
     extras.add_velocities(schema.getVelocitiesProperty())
+
+
+def _read_normals(schema: Any, extras: AlembicExtras, at: Any) -> None:
+    param, positions, parameters = schema.getNormalsParam(), schema.getPositionsProperty(), schema.getArbGeomParams()
+    stored = StoredNormals(*_sample(param, at))
+    if at is not None and not stored.values.size:
+        return
+    times, of_normals = (times_within(sample_times(one), extras.span) for one in (positions, param))
+
+    def later() -> Iterator[tuple[NDArray[Any], StoredNormals | None]]:
+        for time in spread(times.tolist()):
+            points = np.asarray(positions.getValue(select(time))).reshape(-1, 3)
+            if len(points) == extras.connectivity.vertex_count:
+                # Normals that are not sampled belong to the first positions.
+                yield points, StoredNormals(*_sample(param, select(time))) if of_normals.size > 1 else None
+
+    first = np.asarray(positions.getValue(select(sample_times(positions)[0]) if at is None else at)).reshape(-1, 3)
+    has_shared = parameters.valid() and parameters.getPropertyHeader(SHARED_NORMAL) is not None
+    extras.add_normals(stored, first, later(), has_shared=has_shared)
 
 
 def find_own_properties(schema: Any) -> list[Any]:

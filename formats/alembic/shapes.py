@@ -291,6 +291,7 @@ def _open_shape(path: str, kind: str, schema: Any, node: Any, chain: tuple[Trans
                 fields=extras.gathered_fields(gather),
                 gather=gather,
                 left_out=extras.left_out,
+                turned=extras.turned,
                 node=node,
                 kind=kind,
                 fates=extras.fates,

@@ -4,7 +4,8 @@ The attribute ``normal_group`` of domain ``corner``, int32, numbers the normals 
 their first corners. A vertex whose corners all have number 0 is smooth. The attribute is absent if the source had no
 normals; OBJ's smoothing groups then define hard edges. The attribute ``shared_normal`` of domain ``vertex``, int32,
 joins vertices that a format had to split: coincident vertices with a common normal have the same number, from 1 on;
-others have 0. Normals themselves are not kept: they are computed from the positions of each frame.
+others have 0. :mod:`pdecodec.formats.base.stored_normals` finds both in a source. Normals themselves are not kept: they
+are computed from the positions of each frame.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from pdecodec import _core
 from pdecodec.formats.base.attribute_roles import expanded, vertex_slices
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
+from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 from pdecodec.system.shares import thread_count
 
 NORMAL_GROUP, SHARED_NORMAL, SMOOTHING = "normal_group", "shared_normal", "smoothing"
@@ -55,11 +56,11 @@ def normal_group(connectivity: Connectivity, keys: NDArray[np.number] | None, to
     corners = connectivity.face_indices
     if keys is None or (keys == keys[:1]).all():
         return Attribute(NORMAL_GROUP, "corner", np.zeros(corners.size, np.int32))
-    groups = _number_rows(corners, keys, tolerance)
+    groups = number_rows(corners, keys, tolerance)
     return Attribute(NORMAL_GROUP, "corner", groups)
 
 
-def _number_rows(owners: NDArray[np.integer], keys: NDArray[np.number], tolerance: float) -> Int32Array:
+def number_rows(owners: NDArray[np.integer], keys: NDArray[np.number], tolerance: float) -> Int32Array:
     """Number the rows of each owner from 0, (n,) int32: rows with the same key, (n,) or (n, k), get the same number."""
     numbers = np.zeros(owners.size, np.int32)
     rows = np.nan_to_num(np.asarray(keys, np.float64).reshape(owners.size, -1))
@@ -74,65 +75,6 @@ def _number_rows(owners: NDArray[np.integer], keys: NDArray[np.number], toleranc
         left = left[~same]
         number += 1
     return numbers
-
-
-def shared_normals(places: NDArray[np.number], normals: NDArray[np.floating]) -> Attribute | None:
-    """Return the attribute of coincident vertices that share a normal; None if no two vertices share one.
-
-    Parameters
-    ----------
-    places : (vertices, k) array
-        Positions, and any other values that must be equal.
-    normals : (vertices, 3) array
-        NaN for a vertex without a normal.
-    """
-    # Adding 0 turns -0 into 0.
-    order = np.lexsort((places + 0.0).T)
-    ordered = places[order]
-    owners = np.empty(order.size, np.int64)
-    owners[order] = np.cumsum((ordered != np.roll(ordered, 1, axis=0)).any(axis=1))
-    numbers = _number_rows(owners, _unit_vectors(normals.astype(np.float64).T).T, SAME_NORMAL_DIFFERENCE).astype(
-        np.int64
-    )
-    keys = owners * (int(numbers.max(initial=0)) + 1) + numbers
-    _, first, which, counts = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
-    is_shared = (counts > 1) & ~np.isnan(normals[first]).any(axis=1)
-    if not is_shared.any():
-        return None
-    ranks = np.zeros(first.size, np.int32)
-    ranks[is_shared] = 1 + np.argsort(np.argsort(first[is_shared]))
-    values: Int32Array = ranks[which.reshape(-1)]
-    values[np.isnan(normals).any(axis=1)] = 0
-    return Attribute(SHARED_NORMAL, "vertex", values)
-
-
-def read_normal_group(
-    connectivity: Connectivity,
-    domain: AttributeDomain,
-    normals: NDArray[np.floating],
-    indices: NDArray[np.integer] | None,
-    order: Int64Array,
-) -> Attribute:
-    """Return the attribute of a source's normals: by index if corners share rows of normals, else by value.
-
-    Parameters
-    ----------
-    connectivity : Connectivity
-    domain : {"vertex", "face", "corner", "object"}
-        The domain that the normals belong to.
-    normals : (n, 3) array
-    indices : (rows of the domain,) array or None
-        Row of `normals` of each element; negative for none. Indices of corners that only count up share nothing.
-    order : (corners,) int64
-        Corner of the source for each corner of `connectivity`.
-    """
-    if domain == "face":
-        return normal_group(connectivity, np.repeat(np.arange(connectivity.face_count), connectivity.face_counts))
-    if domain != "corner":
-        return normal_group(connectivity, None)
-    if indices is None or np.array_equal(indices, np.arange(len(normals))):
-        return normal_group(connectivity, _unit_vectors(normals.astype(np.float64).T).T[order], SAME_NORMAL_DIFFERENCE)
-    return normal_group(connectivity, indices[order])
 
 
 class NormalRows:
@@ -208,7 +150,7 @@ class NormalRows:
         points : (vertices, 3) float32
         normals : (rows, 3) float32
         """
-        faces, is_even = _unit_vectors(self._areas(points)), np.empty(self._counts.size, bool)
+        faces, is_even = unit_vectors(self._areas(points)), np.empty(self._counts.size, bool)
         for own, corners, starts in self._blocks():
             turned = np.repeat(faces[:, own], self._counts[own], axis=1) * normals.T[:, self.corner_rows[corners]]
             is_even[own] = np.maximum.reduceat(1 - turned.sum(axis=0), starts) < SAME_DIRECTION
@@ -338,7 +280,7 @@ def shared_attribute(item: MeshObject) -> Attribute | None:
     return None
 
 
-def _unit_vectors(vectors: Float64Array) -> Float64Array:
+def unit_vectors(vectors: Float64Array) -> Float64Array:
     """Return vectors (3, ...) scaled to length 1; zero where a vector has no direction."""
     lengths = _lengths(vectors)
     good = (lengths > 0) & (lengths < np.inf)

@@ -26,7 +26,6 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_meshes import runs_of_frames
-from pdecodec.formats.base.normals import read_normal_group
 from pdecodec.formats.base.scene_space import (
     apply_matrices,
     mirrors,
@@ -34,6 +33,7 @@ from pdecodec.formats.base.scene_space import (
     transform_attribute,
     transform_directions,
 )
+from pdecodec.formats.base.stored_normals import StoredNormals, read_normals, turned_notices
 from pdecodec.formats.base.times import SAME_TIME, Timing
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field, missing_value, rows_of_domain
@@ -128,7 +128,8 @@ class Refusals:
             kinds = ", ".join(f"{count} {kind}" for kind, count in self.tessellated.items())
             notices.append(f"shapes without vertices became polygons: {kinds}")
         names = not_kept((*(name for shape in shapes for name in shape.left_out), *left_out))
-        return (*notices, *names, *hidden_notices(shapes))
+        turned = turned_notices([shape.turned for shape in shapes])
+        return (*notices, *names, *turned, *hidden_notices(shapes))
 
 
 def fault_of_faces(counts: NDArray[np.integer], indices: NDArray[np.integer]) -> str | None:
@@ -296,6 +297,8 @@ class Shape:
     hidden : bool
         Whether the file hides it, always or at times.
     fields : list of ShapeField
+    turned : (corners,) float64
+        Angles [degrees] between stored normals and those computed from faces, NaN if there is none.
     """
 
     name: str
@@ -305,6 +308,7 @@ class Shape:
     gather: Int64Array | None = None
     left_out: Sequence[str] = ()
     hidden: bool = False
+    turned: Float64Array = field(default_factory=lambda: np.zeros(0))
 
     def fitted(self, points: Float32Array, path: Path, frame: int) -> Float32Array:
         """Return the vertices (vertices, 3) float32 from the file's points at a frame."""
@@ -497,6 +501,8 @@ class Extras:
         Arrays that only pdecodec's writers store.
     left_out : list of str
         Names of data that is not kept.
+    turned : (corners,) float64
+        Angles [degrees] between stored normals and those computed from faces, NaN if there is none.
     """
 
     connectivity: Connectivity
@@ -505,6 +511,7 @@ class Extras:
     fields: list[ShapeField] = field(default_factory=list)
     own: dict[str, NDArray[Any]] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
+    turned: Float64Array = field(default_factory=lambda: np.zeros(0))
 
     def fits(self, domain: AttributeDomain, values: NDArray[Any], indices: Int32Array | None) -> bool:
         """Return whether a file has as many rows as the domain has elements, and their indices are in range."""
@@ -571,12 +578,37 @@ class Extras:
             return self.fields
         return [dataclasses.replace(one, order=gather) if one.field.domain == "vertex" else one for one in self.fields]
 
-    def add_normals(self, domain: AttributeDomain, normals: NDArray[Any], indices: Int32Array | None) -> None:
-        """Record which corners share a normal; leave normals out if they do not fit the shape."""
-        if normals.ndim != 2 or normals.shape[1] != 3 or not self.fits(domain, normals, indices):
+    def add_normals(
+        self,
+        stored: StoredNormals,
+        points: NDArray[Any],
+        later: Iterable[tuple[NDArray[Any], StoredNormals | None]],
+        *,
+        has_shared: bool,
+    ) -> None:
+        """Record which corners share a normal, and which coincident vertices; leave normals out if they do not fit.
+
+        Parameters
+        ----------
+        stored : StoredNormals
+        points : (vertices, 3) array
+            Positions that `stored` belongs to.
+        later : iterable of (array, StoredNormals or None)
+            Positions at other times, and the normals then, unless the same ones are stored.
+        has_shared : bool
+            Whether the file itself says which vertices share a normal.
+        """
+
+        def fits(one: StoredNormals) -> bool:
+            return one.values.ndim == 2 and one.values.shape[1] == 3 and self.fits(*one)
+
+        if not fits(stored):
             self.left_out.append("normals")
         elif self.connectivity.face_count:
-            self.attributes.append(read_normal_group(self.connectivity, domain, normals, indices, self.order))
+            mesh, order = self.connectivity, self.order
+            poses = ((at, one.at_corners(mesh, order) if one is not None and fits(one) else None) for at, one in later)
+            found, self.turned = read_normals(mesh, order, stored, points, None if has_shared else poses)
+            self.attributes += found
 
     def add_face_sets(self, found: Sequence[tuple[str, str, NDArray[np.integer]]]) -> None:
         """Add named sets of faces: role (group or material), label, and member faces."""

@@ -15,6 +15,7 @@ import numpy as np
 from pdecodec.errors import damaged
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, POINT, UV, face_groups, role_name
 from pdecodec.formats.base.normals import SHARED_NORMAL, normal_group
+from pdecodec.formats.base.stored_normals import turned_normals
 from pdecodec.formats.gltf.compression import DRACO
 from pdecodec.formats.gltf.file import (
     POINTS,
@@ -33,8 +34,8 @@ from pdecodec.formats.gltf.primitives import (
     influences_of,
     lines_of,
     normals_shared_by,
+    stored_normals,
     triangles_of,
-    turned_normals,
 )
 from pdecodec.formats.gltf.stored_motion import StoredMotions
 from pdecodec.formats.gltf.types import MESH_MOTION
@@ -197,7 +198,11 @@ class _Reader:
             tuple(starts),
             connectivity.face_indices,
             self._morphed,
-            turned_normals(MeshObject("", connectivity, tuple(attributes)), self._blocks, self._sources),
+            turned_normals(
+                MeshObject("", connectivity, tuple(attributes)),
+                np.concatenate([block.positions for block in self._blocks]),
+                stored_normals(self._blocks, self._sources)[connectivity.face_indices],
+            ),
         )
 
     def _block(self, primitive: Mapping[str, Any], rows: PrimitiveRows) -> tuple[int, int]:

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from pdecodec.errors import damaged
 from pdecodec.formats.base.frame_meshes import strip_triangles
-from pdecodec.formats.base.normals import normal_rows, shared_normals
+from pdecodec.formats.base.stored_normals import shared_normals
 from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
 from pdecodec.formats.gltf.file import LINE_LOOP, LINES, TRIANGLE_STRIP, TRIANGLES, GltfFile, as_declared
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute, MeshObject
+from pdecodec.mesh.sequence import Attribute
 
 
 @dataclass(frozen=True)
@@ -123,24 +123,6 @@ def stored_normals(blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) ->
             for block, source in zip(blocks, sources, strict=True)
         ]
     )
-
-
-def turned_normals(item: MeshObject, blocks: Sequence[Block], sources: Sequence[PrimitiveRows]) -> Float64Array:
-    """Return the angles (corners,) between stored normals and those computed from faces, at rest [degrees].
-
-    NaN if no normal is stored, or if the face has no area.
-    """
-    rows = normal_rows(item)
-    if rows is None:
-        return np.zeros(0)
-    points = np.concatenate([block.positions for block in blocks])
-    stored = stored_normals(blocks, sources)[item.connectivity.face_indices]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        stored /= np.linalg.norm(stored, axis=1, keepdims=True)
-        computed = rows.of(points[None])[0][rows.corner_rows]
-        chords = np.linalg.norm(stored - computed, axis=1)
-    has_area = np.repeat(rows.face_sizes(points) > 0, item.connectivity.face_counts)
-    return np.where(has_area, np.degrees(2 * np.arcsin(np.minimum(1, chords / 2))), np.nan)
 
 
 def triangles_of(mode: int, indices: Int64Array) -> Int32Array:

@@ -20,6 +20,7 @@ from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.registry import Transforms
 from pdecodec.formats.base.scene_reading import MAX_INSTANCED_VERTICES, SceneSequence, Shape, ShapeField, hidden_notices
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS
+from pdecodec.formats.base.stored_normals import turned_notices
 from pdecodec.formats.base.times import (
     FLOAT32_ROUNDING,
     SAME_TIME,
@@ -43,9 +44,6 @@ from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Arr
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.times import check_times
-
-NOTICED_NORMAL_ANGLE = 5.0
-"""Angle between stored and computed normals above which a notice reports them [degrees]."""
 
 SMALLEST_DIVISOR = 1e-30
 """Smallest divisor of a quaternion's length."""
@@ -131,7 +129,8 @@ class GltfSequence(SceneSequence):
         moving = {k for node in on for k in self.nodes.above(node)}
         left_out += left_out_of_file(file, self.nodes, chosen, moving)
         looks = left_out_of_materials(file)
-        found_out = (*clip_notices, *time_notices, *_normal_notices(parts))
+        turned = {id(part.mesh): part.mesh.turned for part in parts}.values()
+        found_out = (*clip_notices, *time_notices, *turned_notices(turned))
         self.notices = (*textures_of(file), *found_out, *not_kept([*looks, *left_out]), *hidden_notices(parts))
         words = {part.node: part.left_out for part in parts}
         self.list_contents = lambda: Contents(file, self.nodes, self.clip_number, moving, words).list()
@@ -244,17 +243,6 @@ def _timing_of_motion(motion: StoredMotion, fps: float | None) -> Timing:
         return motion.times, rate, notices
     times, more = resampled(motion.times, rate)
     return times, rate, (*notices, *more)
-
-
-def _normal_notices(parts: Sequence[_Part]) -> tuple[str, ...]:
-    """Return a notice if stored normals differ from the averages of the normals of adjacent faces."""
-    meshes = {id(part.mesh): part.mesh.turned for part in parts}
-    angles = np.concatenate([one[~np.isnan(one)] for one in meshes.values()])
-    many = int(np.count_nonzero(angles > NOTICED_NORMAL_ANGLE))
-    if not many:
-        return ()
-    off = f"{many:,} of {angles.size:,} corners differ by more than {NOTICED_NORMAL_ANGLE:g} degrees"
-    return (f"normals are recomputed from the faces: {off}, up to {angles.max():.0f}",)
 
 
 def _noted_start(clip: Clip) -> float:

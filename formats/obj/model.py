@@ -18,8 +18,9 @@ import numpy as np
 from pdecodec._core import ObjScan
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_looks import is_same_attribute
-from pdecodec.formats.base.normals import normal_group, read_normal_group
+from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
+from pdecodec.formats.base.stored_normals import StoredNormals, read_normal_group
 from pdecodec.formats.obj.text import ObjText
 from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, Content, MeshObject
@@ -272,7 +273,8 @@ class ObjModel:
             # Corners may refer to missing normals; their indices still say which corners share one.
             return normal_group(connectivity, indices)
         order = np.arange(indices.size)
-        return read_normal_group(connectivity, "corner", normals[first : last + 1], indices - first, order)
+        stored = StoredNormals("corner", normals[first : last + 1], indices - first)
+        return read_normal_group(connectivity, stored, order)
 
     def _names(self, name: str, of_faces: Int32Array) -> Attribute | None:
         used = np.unique(of_faces[of_faces >= 0])

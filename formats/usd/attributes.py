@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 from pxr import Sdf, UsdGeom, UsdShade
 
 from pdecodec.formats.base.attribute_roles import COLOR, GROUP, MATERIAL, NORMAL, UV, VECTOR, role_name
+from pdecodec.formats.base.normals import SHARED_NORMAL
 from pdecodec.formats.base.scene_reading import Extras, first_sample, gathered_rows
+from pdecodec.formats.base.stored_normals import StoredNormals, spread
 from pdecodec.formats.usd.metadata import DTYPE_KEY, NAME, OWN, UNIT_KEY
+from pdecodec.formats.usd.skinning import Skinning
 from pdecodec.formats.usd.values import ALWAYS, changes_with_time, codes_within, spline_codes, value_at
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.fields import DTYPES, Field
@@ -43,9 +46,12 @@ def read_extras(
     *,
     moves: bool = False,
     at: float | None = None,
+    skinning: Skinning | None = None,
+    mirrored: bool = False,
 ) -> Extras:
     """Read all data of the prim; `order` as in :class:`Extras`, `moves` tells whether its points move.
 
+    `mirrored` says that the skeleton mirrors the mesh, whose faces are reversed for it.
     Primvars that change between the codes of `span`, in which the connectivity is constant, become fields. If the time
     code `at` is given, everything else is read there.
     """
@@ -60,23 +66,57 @@ def read_extras(
         if attribute.GetNamespace() == OWN:
             extras.own[attribute.GetBaseName()] = np.array(value_at(attribute, at), np.int32)
     if connectivity.face_count:
-        _read_normals(UsdGeom.Mesh(prim), extras, at)
+        _read_normals(UsdGeom.Mesh(prim), extras, at, span, skinning, mirrored=mirrored)
         _read_subsets(prim, extras, at)
     elif _material_name(prim):
         extras.left_out.append("material")
     return extras
 
 
-def _read_normals(mesh: Any, extras: Extras, at: float | None) -> None:
-    attribute, interpolation, indices = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation(), None
+def _read_normals(
+    mesh: Any,
+    extras: Extras,
+    at: float | None,
+    span: tuple[float, float],
+    skinning: Skinning | None,
+    *,
+    mirrored: bool,
+) -> None:
+    attribute, interpolation, rows = mesh.GetNormalsAttr(), mesh.GetNormalsInterpolation(), None
     primvar = UsdGeom.PrimvarsAPI(mesh).GetPrimvar(NORMALS)
     if primvar and primvar.HasAuthoredValue():
         attribute, interpolation = primvar.GetAttr(), primvar.GetInterpolation()
-        if primvar.IsIndexed():
-            indices = np.array(value_at(primvar.GetIndicesAttr(), at), np.int32)
-    found = value_at(attribute, at) if attribute.HasAuthoredValue() else None
-    if found is not None and (at is None or len(found)):
-        extras.add_normals(_DOMAINS.get(str(interpolation), "object"), np.array(found, np.float32), indices)
+        rows = primvar.GetIndicesAttr() if primvar.IsIndexed() else None
+    domain, points = _DOMAINS.get(str(interpolation), "object"), mesh.GetPointsAttr()
+    sides = np.array([-1 if mirrored else 1, 1, 1], np.float32)
+
+    def stored_at(code: float | None) -> StoredNormals | None:
+        found = value_at(attribute, code) if attribute.HasAuthoredValue() else None
+        if found is None or (code is not None and not len(found)):
+            return None
+        indices = None if rows is None else np.array(value_at(rows, code), np.int32)
+        return StoredNormals(domain, np.array(found, np.float32) * sides, indices)
+
+    def later() -> Iterator[tuple[NDArray[Any], StoredNormals | None]]:
+        codes = merged_codes([points, attribute], span)
+        codes += [code for code in (skinning.time_codes() if skinning else ()) if span[0] <= code < span[1]]
+        codes = sorted(set(codes))
+        # Skinned points are elsewhere at the first code, too.
+        for code in [*(codes[:1] if skinning else ()), *spread(codes)]:
+            places = points.Get(code)
+            if places is None or len(places) != extras.connectivity.vertex_count:
+                continue
+            moved = np.array(places, np.float32)
+            if skinning is None:
+                # Normals that are not sampled belong to the first points.
+                yield moved, stored_at(code) if attribute.GetNumTimeSamples() > 1 else None
+            else:
+                yield skinning.deform(moved, code), None
+
+    stored, first = stored_at(at), value_at(points, at)
+    if stored is not None and first is not None:
+        has_shared = any(one.name == SHARED_NORMAL for one in extras.attributes)
+        extras.add_normals(stored, np.array(first, np.float32).reshape(-1, 3) * sides, later(), has_shared=has_shared)
 
 
 def read_directions(attribute: Any, extras: Extras, span: tuple[float, float], *, is_skinned: bool) -> None:

@@ -178,8 +178,17 @@ def open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     if (fault := fault_of_faces(counts, indices)) is not None:
         scan.refusals.refuse(name, fault)
         return None
-    connectivity, order = _facing_out(mesh, counts, indices, skinning, at)
-    extras = read_extras(prim, connectivity, order, scan.span(prim), moves=_moves(mesh, skinning), at=at)
+    connectivity, order, mirrored = _facing_out(mesh, counts, indices, skinning, at)
+    extras = read_extras(
+        prim,
+        connectivity,
+        order,
+        scan.span(prim),
+        moves=_moves(mesh, skinning),
+        at=at,
+        skinning=skinning,
+        mirrored=mirrored,
+    )
     scheme = SUBDIVISION_SCHEMES.get(str(mesh.GetSubdivisionSchemeAttr().Get()))
     if scheme is not None:
         extras.attributes.append(label_attribute(SUBDIVISION, scheme))
@@ -202,8 +211,17 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     if surface is None or not len(surface):
         surface = UsdGeom.TetMesh.ComputeSurfaceFaces(tets, Usd.TimeCode.EarliestTime() if at is None else at)
     indices = np.array(surface, np.int32).reshape(-1)
-    connectivity, order = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
-    extras = read_extras(prim, connectivity, order, scan.span(prim), moves=_moves(tets, skinning), at=at)
+    connectivity, order, mirrored = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
+    extras = read_extras(
+        prim,
+        connectivity,
+        order,
+        scan.span(prim),
+        moves=_moves(tets, skinning),
+        at=at,
+        skinning=skinning,
+        mirrored=mirrored,
+    )
     # Data of elements belong to the tetrahedra, not to their surface; only sets of faces are kept.
     inner = [
         one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _SURFACE_ATTRIBUTES
@@ -218,17 +236,19 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
 
 def _facing_out(
     schema: Any, counts: Int32Array, indices: Int32Array, skinning: Skinning | None, at: float | None
-) -> tuple[Connectivity, Int64Array]:
-    """Return the connectivity with left-handed faces reversed, and the original corner of each corner."""
-    turned = schema.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded
+) -> tuple[Connectivity, Int64Array, bool]:
+    """Return the connectivity with left-handed faces reversed, the original corner of each corner, and whether the
+    skeleton mirrors the mesh.
+    """
+    turned, mirrored = schema.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded, False
     if skinning is not None and skinning.has_joints:
         # The mesh's own transform decides which side is outside; its points end up in the skeleton's space.
         cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
         own, joints = (cache.GetLocalToWorldTransform(one) for one in (schema.GetPrim(), skinning.skeleton_prim))
-        turned ^= mirrors([np.array(own * joints, np.float64)])
-    order = reversed_corners(counts) if turned else np.arange(indices.size)
+        mirrored = mirrors([np.array(own * joints, np.float64)])
+    order = reversed_corners(counts) if turned ^ mirrored else np.arange(indices.size)
     points = _points_alone(schema, at).vertex_count
-    return Connectivity(points, face_counts=counts, face_indices=indices[order]), order
+    return Connectivity(points, face_counts=counts, face_indices=indices[order]), order, mirrored
 
 
 def open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
@@ -287,6 +307,7 @@ def _shape(
         fields=extras.gathered_fields(gather),
         gather=gather,
         left_out=extras.left_out,
+        turned=extras.turned,
         prim=schema.GetPrim(),
         points=schema.GetPointsAttr(),
         skinning=skinning,

@@ -6,6 +6,7 @@ import dataclasses
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -17,7 +18,8 @@ from pdecodec.codec.encoding import encode
 from pdecodec.codec.opening import open_animation
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import reversed_corners
-from pdecodec.formats.base.normals import NORMAL_GROUP, NormalRows, normal_group, normal_rows, read_normal_group
+from pdecodec.formats.base.normals import NORMAL_GROUP, NormalRows, normal_group, normal_rows
+from pdecodec.formats.base.stored_normals import StoredNormals, read_normal_group
 from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.mesh_cases import connectivities, connectivity_of, grid
@@ -344,16 +346,20 @@ def test_numbers_count_up_from_the_first_corner_of_each_vertex() -> None:
 def test_normals_by_value_are_one_within_a_tolerance_and_by_index_where_rows_are_shared() -> None:
     pair = connectivity_of(4, [[0, 1, 2], [2, 1, 3]])
     flat, order = np.tile([[0.0, 0.0, 1.0]], (6, 1)), np.arange(6)
-    assert not read_normal_group(pair, "corner", flat + 1e-5 * order[:, None], None, order).values.any()
+
+    def groups(*stored: Any) -> Any:
+        return read_normal_group(pair, StoredNormals(*stored), order).values
+
+    assert not groups("corner", flat + 1e-5 * order[:, None]).any()
     apart = [0, 0, 0, 1, 1, 0]
     folded = flat + np.repeat([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]], 3, axis=0)
-    assert read_normal_group(pair, "corner", folded, None, order).values.tolist() == apart
-    assert read_normal_group(pair, "corner", flat[:2], np.repeat([0, 1], 3), order).values.tolist() == apart
-    assert not read_normal_group(pair, "corner", flat, order, order).values.any()
-    assert read_normal_group(pair, "face", flat[:2], None, order).values.tolist() == apart
-    assert not read_normal_group(pair, "vertex", flat[:4], None, order).values.any()
+    assert groups("corner", folded).tolist() == apart
+    assert groups("corner", flat[:2], np.repeat([0, 1], 3)).tolist() == apart
+    assert not groups("corner", flat, order).any()
+    assert groups("face", flat[:2]).tolist() == apart
+    assert not groups("vertex", flat[:4]).any()
     nowhere = np.full((6, 3), np.nan)
-    assert not read_normal_group(pair, "corner", nowhere, None, order).values.any()
+    assert not groups("corner", nowhere).any()
 
 
 @given(connectivities().filter(lambda part: part.face_count > 0))
