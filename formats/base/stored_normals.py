@@ -49,11 +49,13 @@ class StoredNormals(NamedTuple):
 
     def at_corners(self, connectivity: Connectivity, order: Int64Array) -> Float64Array:
         """Return the normal of each corner, (corners, 3), NaN for none; `order` as in :func:`read_normal_group`."""
-        rows = {
-            "vertex": connectivity.face_indices,
-            "corner": order,
-            "face": np.repeat(np.arange(connectivity.face_count), connectivity.face_counts),
-        }.get(self.domain, np.zeros_like(connectivity.face_indices))
+        rows: NDArray[np.integer] = np.zeros_like(connectivity.face_indices)
+        if self.domain == "vertex":
+            rows = connectivity.face_indices
+        elif self.domain == "corner":
+            rows = order
+        elif self.domain == "face":
+            rows = np.repeat(np.arange(connectivity.face_count), connectivity.face_counts)
         rows = rows if self.indices is None else self.indices[rows]
         found = np.full((rows.size, 3), np.nan)
         found[rows >= 0] = self.values[rows[rows >= 0]]

@@ -40,15 +40,17 @@ program shows it. The others are compared with ours, because the source has none
 If a source has no normals, Alembic and USD are written without, and programs show flat faces.
 
 Normals are off to the source where we do not read its values. Normals that are no average of those of the faces are
-recomputed. A line says so for glTF if they are off by more than 5 degrees (24_gpu_instancing, CesiumMilkTruck; not
-MorphStressTest). For USD and Alembic no line says it yet: vertices that a UV seam splits and that share a normal in
-the source get one each (CesiumMan.usdz), and normals that point into the faces are turned (openusd_nestedInstancing).
+recomputed, and a line says so if they are off by more than 5 degrees (24_gpu_instancing, CesiumMilkTruck; not
+MorphStressTest), also if they point into the faces (openusd_nestedInstancing, whose faces run the other way than
+Alembic's). Vertices that a UV seam splits, and that share a normal in the source, share one in the result.
+CesiumMan.usdz is 0.002 degrees off at rest; Blender itself shows the normals of such vertices up to 157 degrees apart
+when its skeleton moves them.
 
 From a glb, Blender takes only the normals at rest, not those of targets as three.js does, and turns them with the
 triangles at each vertex of the file. They are therefore off, by many degrees for strong bends, in two cases: on faces
 with more than three corners, which are triangles in the glb (arm, AnimCube, hypercube, lbs, deformingSubdTest,
 vellum_balloon); and where UV seams or hard edges split a vertex, whose parts turn independently (cortex_vertexAnim:
-without its UVs 0.02 degrees instead of 8.9; 03_skinned_cylinder, 24_animation_pointer, CesiumMan.glb). The largest
+without its UVs 0.02 degrees instead of 8.9; 03_skinned_cylinder, 24_animation_pointer, CesiumMan.glb, SoC-ElephantWithMonochord). The largest
 angle can come from a few corners of triangles with almost no area (robot, chicken_crossing). Materials and UV sets
 are counted as Blender shows them in the glb / as we read them.
 """
