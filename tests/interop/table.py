@@ -50,9 +50,9 @@ From a glb, Blender takes only the normals at rest, not those of targets as thre
 triangles at each vertex of the file. They are therefore off, by many degrees for strong bends, in two cases: on faces
 with more than three corners, which are triangles in the glb (arm, AnimCube, hypercube, lbs, deformingSubdTest,
 vellum_balloon); and where UV seams or hard edges split a vertex, whose parts turn independently (cortex_vertexAnim:
-without its UVs 0.02 degrees instead of 8.9; 03_skinned_cylinder, 24_animation_pointer, CesiumMan.glb, SoC-ElephantWithMonochord). The largest
-angle can come from a few corners of triangles with almost no area (robot, chicken_crossing). Materials and UV sets
-are counted as Blender shows them in the glb / as we read them.
+without its UVs 0.02 degrees instead of 8.9; 03_skinned_cylinder, 24_animation_pointer, CesiumMan.glb,
+SoC-ElephantWithMonochord). The largest angle can come from a few corners of triangles with almost no area (robot,
+chicken_crossing). Materials and UV sets are counted as Blender shows them in the glb / as we read them.
 """
 
 READABLE = (".abc", ".usd", ".usda", ".usdc", ".usdz", ".glb", ".gltf")
