@@ -117,7 +117,9 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
     if bound is None or sequence.frame_count < 2:
         return exact, ()
     places = _places(exact)
-    fits = rigid_within(lambda: (block for _, block in exact.blocks(frames_at_once(exact))), places, bound)
+    found = rigid_within(lambda: (block for _, block in exact.blocks(frames_at_once(exact))), places, bound)
+    # An object that stands still needs no transform.
+    fits = {index: fit for index, fit in found.items() if np.ptp(fit.matrices, axis=0).any()}
     if not fits:
         return exact, ()
     rest = np.array(exact.read_frames(0, 1)[0])
