@@ -119,7 +119,7 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
     places = _places(exact)
     found = rigid_within(lambda: (block for _, block in exact.blocks(frames_at_once(exact))), places, bound)
     # An object that stands still needs no transform.
-    fits = {index: fit for index, fit in found.items() if np.ptp(fit.matrices, axis=0).any()}
+    fits = {index: fit for index, fit in found.items() if fit.deviation or np.ptp(fit.matrices, axis=0).any()}
     if not fits:
         return exact, ()
     rest = np.array(exact.read_frames(0, 1)[0])
