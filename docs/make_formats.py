@@ -100,6 +100,13 @@ CONVENTIONS = """\
   read as such and written from them. Between the last frame of a run and the first of the next one, the mesh keeps the
   last positions. Frames without vertices are left out, with a note. In Alembic and USD an object is one shape, empty
   where a run does not have it; its transforms are applied, points have ids, and attributes are samples of their run.
+- **Vertex animation textures.** `decode walk.pdeanim -o walk.vat` and `convert walk.abc walk.vat` write, next to a list
+  of the files, the mesh `walk.glb` in its first frame, and what [OpenVAT](https://github.com/sharpen3d/openvat) writes
+  for its shaders in Unreal, Unity and Godot: offsets of positions `walk_vat.png`, separate normals `walk_vnrm.png`, and
+  the range of the offsets `walk-remap_info.json`. The second UV set points to the texels; objects share the textures.
+  Positions are within half a step of 16 bits of the range. Import the textures as linear data, without compression,
+  mipmaps or filtering. Long clips become parts `walk_1`, `walk_2`, ... for the same mesh, each with a range of its own;
+  each begins with the last frame of the part before. Tests evaluate the textures as the shaders do; no engine was run.
 - **Time that writing takes**, relative to decoding and writing raw float32 positions (200 frames of 35,400 vertices in
   59 objects, measured as time of the processor): point caches, NPZ, HDF5, XDMF and PLY as long, VTU 1.6 times (each
   file repeats the faces), Alembic 2 times, OBJ, which is text, 9 times. Normals are as many bytes again and are

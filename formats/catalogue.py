@@ -159,6 +159,17 @@ BUILT_IN = (
         "tangents, other attributes, other fields; the scene is turned Y-up",
     ),
     Format(
+        name="vat",
+        title="vertex animation textures",
+        extensions=(".vat",),
+        companions="pdecodec.formats.gltf.vertex_textures:named_files",
+        written_beside="pdecodec.formats.gltf.vertex_textures:named_files",
+        writer="pdecodec.formats.gltf.vertex_textures:write_vertex_textures",
+        keeps="in the mesh what glTF keeps; in PNG textures of 16 bits, which OpenVAT's shaders read in Unreal, Unity "
+        "and Godot, positions and normals of frames, in parts where these do not fit 4096 x 4096 texels",
+        loses="lines, points, fields, irregular times; the scene is turned Y-up",
+    ),
+    Format(
         name="xdmf",
         title="XDMF and HDF5",
         extensions=(".xdmf", ".xmf"),
