@@ -47,7 +47,7 @@ class RigidFit:
 def rigid_within(
     blocks: Callable[[], Iterable[Float32Array]], places: Mapping[int, slice], bound: float
 ) -> dict[int, RigidFit]:
-    """Find the objects that move rigidly within a bound.
+    """Find the objects that move rigidly within a bound; those that stand still need no transform, and are left out.
 
     Parameters
     ----------
@@ -66,6 +66,7 @@ def rigid_within(
     """
     first: dict[int, Float64Array] = {}
     extremes: dict[int, Float64Array] = {}
+    moving: set[int] = set()
     frames = 0
     for points in blocks():
         for index in places if not frames else tuple(extremes):
@@ -75,10 +76,12 @@ def rigid_within(
             if found is None or distances_of(own, shape, found).max() > FIRST_GUESS_BOUNDS * bound:
                 extremes.pop(index, None)
                 continue
+            if index not in moving and (own != shape.astype(np.float32)).any():
+                moving.add(index)
             back = moved_back(own, found)
             extremes[index] = extreme_positions(np.concatenate([extremes[index], back]) if index in extremes else back)
         frames += len(points)
-    shapes = {index: ball_centres(found).astype(np.float32) for index, found in extremes.items()}
+    shapes = {index: ball_centres(found).astype(np.float32) for index, found in extremes.items() if index in moving}
     parts: dict[int, list[tuple[Float64Array, float]]] = {index: [] for index in shapes}
     for points in blocks() if parts else ():
         for index in tuple(parts):
@@ -117,9 +120,7 @@ def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[Mes
     if bound is None or sequence.frame_count < 2:
         return exact, ()
     places = _places(exact)
-    found = rigid_within(lambda: (block for _, block in exact.blocks(frames_at_once(exact))), places, bound)
-    # An object that stands still needs no transform.
-    fits = {index: fit for index, fit in found.items() if fit.deviation or np.ptp(fit.matrices, axis=0).any()}
+    fits = rigid_within(lambda: (block for _, block in exact.blocks(frames_at_once(exact))), places, bound)
     if not fits:
         return exact, ()
     rest = np.array(exact.read_frames(0, 1)[0])
