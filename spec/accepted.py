@@ -5,6 +5,7 @@ The encoder's choices that depend on size are forced here, so that small clips c
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -34,7 +35,7 @@ from pdecodec.codec.sections.scene import Carrier, encode_scene
 from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MeshSequence
-from spec.sealing import Part, content, run_of, seal, take_apart, with_first_group
+from spec.sealing import Part, compressed, content, run_of, seal, take_apart, with_first_group
 
 Points = Float64Array
 
@@ -354,6 +355,15 @@ def sheet(frames: int = 8, **options: Any) -> ArraySequence:
     return clip(wave(frames, 4, 6), grid(4, 6), **options)
 
 
+def solids_in_runs() -> MeshSequence:
+    """Return runs of solids, of the same solids again, and of faces alone."""
+    solid, flat = MeshObject("s", solids().objects[0].connectivity), MeshObject("f", grid(2, 2))
+    runs = (([solid], 19), ([solid], 19), ([flat], 4))
+    return ChangingSequence(
+        [ArraySequence(noise(1, size, 3, seed=k), objects=own, times=[k / 24]) for k, (own, size) in enumerate(runs)]
+    )
+
+
 IRREGULAR = [-2, -1.5, -1, 0, 0.1, 0.11, 5, 5.5, 7.25]
 
 SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
@@ -412,6 +422,7 @@ SEQUENCES: dict[str, tuple[Callable[[], MeshSequence], Choices]] = {
     "closed_form_at_irregular_times": (lambda: sheet(7, times=IRREGULAR[:7]), paper(segment_frames=3)),
     "runs": (runs, Choices()),
     "runs_of_one_frame": (runs_of_one_frame, Choices()),
+    "solids_in_runs": (solids_in_runs, Choices()),
     "runs_in_closed_form": (runs, paper(tolerance=0.02)),
     "long_clip": (lambda: clip(wave(120, 2, 2), grid(2, 2)), Choices(longest_group=40)),
 }
@@ -453,6 +464,17 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     unknown = [Part("XYZW", b"anything", 0), *parts, Part("\xff\x00ab", b"", 0x0E)]
     flagged = [replace(part, flags=part.flags | 0x08) for part in unknown]
     yield "unknown_ignorable_sections", seal(flagged, minor=7)
+    odd = [replace(part, flags=15 if part.kind == "META" else 14, length_bytes=8) for part in parts]
+    yield "flags_of_another_minor_version", seal([Part("XYZW", b"", 14), *odd, Part("xyzw", b"?", 14)], minor=65535)
+    values = {
+        "another member": [1e308, -0.0, 2**1023, None, True, "\ud83d\ude00\0"],
+        "": json.loads("[" * 31 + "]" * 31),
+    }
+    remarks = json.dumps({**values, "generator": "x"}).encode()
+    yield (
+        "remarks_at_the_limits",
+        seal([*(part for part in parts if part.kind != "META"), Part("META", compressed(remarks), 0)]),
+    )
     yield "sections_in_another_order", seal(parts[::-1])
     scene = Carrier.of("gltf", [("camera", 2)], ["wood.png"], {"cuts": b"{}", "files/a/b.gltf": b"{}", "files/c": b""})
     yield "scene", seal([*parts, Part("SCEN", encode_scene(scene), 0)])

@@ -26,6 +26,7 @@ from spec.decoder.cells import SHAPES
 from spec.decoder.mesh import Mesh
 from spec.refused import Refused, refused
 from spec.refused_fields import refused_with_fields
+from spec.refused_rules import refused_rules
 from spec.sealing import take_apart
 from spec.vector_files import MANIFEST, Manifest, accepted_vectors, refused_vectors
 
@@ -134,7 +135,7 @@ def main(arguments: list[str]) -> None:
     manifest["accept"] = {name: describe(data) for name, data in files.items()}
     known = refused_vectors() if MANIFEST.exists() else {}
     of_fields = (Refused(*item, section="FLDS") for item in refused_with_fields())
-    for item in (*refused(), *of_fields):
+    for item in (*refused(), *refused_rules(), *of_fields):
         data = choose(item.name, item.data, known)
         sha256 = hashlib.sha256(data).hexdigest()
         entry = {"sha256": sha256, "error": item.error, "exit_code": 4, "reason": item.reason}

@@ -33,11 +33,13 @@ class Part:
     kind: str
     content: bytes
     flags: int = REQUIRED
+    length_bytes: int = 0
+    """Bytes of its length at least; further ones than needed are zeros."""
 
     @property
     def row(self) -> bytes:
         """Its row in the table of sections."""
-        size = (len(self.content).bit_length() + 7) // 8
+        size = max((len(self.content).bit_length() + 7) // 8, self.length_bytes)
         head = self.kind.encode("latin-1") + bytes([self.flags | size << 4])
         return head + len(self.content).to_bytes(size, "little") + struct.pack("<I", zlib.crc32(self.content))
 

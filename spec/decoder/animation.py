@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 import struct
+import sys
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -203,7 +203,7 @@ def decode_times(planes: bytes, frames: int) -> list[float]:
 def read_remarks(stream: bytes) -> dict[str, Any]:
     """Section 18: read META."""
     try:
-        remarks = json.loads(decompress(stream, 2**24)) if stream else {}
+        remarks = json.loads(decompress(stream, 2**24).decode()) if stream else {}
     except (ValueError, RecursionError):
         raise CorruptFileError("META is not JSON") from None
     require(isinstance(remarks, dict), "META is not a JSON object")
@@ -216,8 +216,8 @@ def check_value(value: object, depth: int) -> None:
     require(depth <= 32, "META is nested too deep")
     if isinstance(value, str):
         require(not any("\ud800" <= letter <= "\udfff" for letter in value), "META holds half a character")
-    elif isinstance(value, float):
-        require(math.isfinite(value), "META holds a number that is not finite")
+    elif isinstance(value, int | float):
+        require(abs(value) <= sys.float_info.max, "META holds a number that is not finite")
     elif isinstance(value, dict):
         for member in (*value, *value.values()):
             check_value(member, depth + 1)

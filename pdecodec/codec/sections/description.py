@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -168,7 +169,7 @@ def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) 
     if not data:
         return {}
     try:
-        remarks = json.loads(decompress(data, min(MAX_JSON_BYTES, max_memory // JSON_MEMORY)))
+        remarks = json.loads(decompress(data, min(MAX_JSON_BYTES, max_memory // JSON_MEMORY)).decode())  # only UTF-8
     except (ValueError, RecursionError) as error:
         raise section_fault("META", "holds text that is not JSON") from error
     if not isinstance(remarks, dict):
@@ -191,7 +192,7 @@ def _find_fault(remarks: Mapping[str, Any]) -> str | None:
                     item.encode()
                 except UnicodeEncodeError:
                     return "text that UTF-8 cannot hold"
-            elif isinstance(item, float) and not math.isfinite(item):
+            elif isinstance(item, int | float) and not -sys.float_info.max <= item <= sys.float_info.max:
                 return "a number that is not finite"
             elif isinstance(item, Mapping):
                 inside += [*item.keys(), *item.values()]
