@@ -32,9 +32,9 @@ CONVENTIONS = """\
   Normals themselves are computed from the positions of each frame, and written if the source had normals or smoothing
   groups. Otherwise glTF, which shows faces without normals flat, gets smooth normals, or none if all faces are flat
   triangles. glTF cuts vertices at hard edges, UV seams and material borders. They stay cut. Vertices
-  that a glTF, USD or Alembic file cuts, and that are together and share a normal at all times, have one number in
-  `shared_normal` and share a normal in every frame. USD and Alembic are looked at at four times of an animation. A note
-  gives the number of normals of such a file that differ by more than 5 degrees from those computed from its faces.
+  that a glTF, USD, Alembic, OBJ or PLY file cuts, and that are together and share a normal at all times, have one number in
+  `shared_normal` and share a normal in every frame. USD, Alembic, OBJ and PLY are looked at at four frames. A note
+  gives the number of normals of a glTF, USD or Alembic file that differ by more than 5 degrees from those computed from its faces.
   Formats with one normal per vertex get normals only
   for meshes without hard edges. No conversion keeps normals that were made by hand or taken from another mesh:
   positions change from frame to frame, and such normals belong to the frame that stores them.

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from pdecodec.formats.base.frame_data import DataKey, StoredData, fields_of_fram
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_looks import ChangingLooks, looks_of_frame
 from pdecodec.formats.base.kept_frames import KeptData, KeptPositions, Positions
+from pdecodec.formats.base.stored_normals import Pose, spread, with_shared
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field, rows_of_domain
@@ -36,7 +38,7 @@ from pdecodec.mesh.sequence import (
 @dataclass(frozen=True)
 class MeshFile:
     """The content of one file: positions (vertices, 3) as they are stored, data that must be the same in every
-    frame, and data that may change.
+    frame, data that may change, and normals (vertices, 3), which only tell which vertices share one.
     """
 
     points: Positions
@@ -44,6 +46,7 @@ class MeshFile:
     attributes: tuple[Attribute, ...] = ()
     notices: tuple[str, ...] = ()
     data: Mapping[DataKey, StoredData] = field(default_factory=dict, compare=False)
+    normals: NDArray[Any] | None = field(default=None, compare=False)
 
     def continues(self, other: MeshFile) -> bool:
         """Return whether another mesh has the same faces, lines and cells, and the same vertices if they have ids."""
@@ -208,11 +211,21 @@ class FrameSequence(MeshSequence):
         self._meshes, self._first = meshes, first
         mesh, looks = meshes.mesh(first), meshes.looks(first)
         constant = tuple(one for one in mesh.attributes if one.name not in looks)
-        self.objects = (MeshObject("mesh", mesh.connectivity, constant),)
         self.times, self.fps, self.notices = timing
+        item = MeshObject("mesh", mesh.connectivity, constant)
+        self.objects = (item if mesh.normals is None else with_shared(item, self._poses(mesh)),)
         self.metadata = {}
         self._keys = meshes.fields(first, self.times.size)
         self.fields = tuple(one for _, one in self._keys.values())
+
+    def _poses(self, first: MeshFile) -> Iterator[Pose]:
+        """Yield positions and normals of some frames, from the first one on."""
+        later = (self._meshes.mesh(frame) for frame in spread(range(self._first, self._first + self.times.size)))
+        with suppress(InputError):  # The error is raised when the frame is read.
+            for mesh in chain([first], later):
+                if mesh.continues(first):
+                    corners = mesh.connectivity.face_indices
+                    yield mesh.points, None if mesh.normals is None else mesh.normals[corners].astype(np.float64)
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         rows = field.row_count(self.objects)

@@ -248,7 +248,7 @@ class VertexNormals:
 
     def holds(self, item: MeshObject, attribute: Attribute) -> bool:
         """Return whether the written normals represent an attribute."""
-        return self.held and attribute is group_attribute(item)
+        return self.held and any(attribute is one for one in (group_attribute(item), shared_attribute(item)))
 
     def at(self, points: Float32Array) -> Float32Array:
         """Return the normals (vertices, 3) float32 at positions (vertices, 3)."""

@@ -5,6 +5,7 @@ Only this is kept of normals: see :mod:`pdecodec.formats.base.normals`.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from itertools import chain
 from typing import Any, NamedTuple
@@ -16,6 +17,7 @@ from pdecodec.formats.base.normals import (
     SAME_NORMAL_DIFFERENCE,
     SHARED_NORMAL,
     NormalRows,
+    group_attribute,
     normal_group,
     normal_rows,
     number_rows,
@@ -127,14 +129,12 @@ def _repeated_rows(places: NDArray[np.number]) -> Int64Array:
     return np.flatnonzero(np.isin(hashes, repeated)) if repeated.size else np.zeros(0, np.int64)
 
 
-def shared_in_poses(
-    connectivity: Connectivity, groups: Attribute, poses: Iterable[Pose]
-) -> tuple[Attribute | None, int]:
-    """Return the attribute of vertices that coincide and share a normal in all poses, and how many poses were read.
+def shared_in_poses(connectivity: Connectivity, groups: Attribute, poses: Iterable[Pose]) -> Attribute | None:
+    """Return the attribute of vertices that coincide and share a normal in all poses; None if no two do.
 
-    Later poses are only read if vertices share a normal in the earlier ones.
-
-    Only the first normal of a vertex can be shared: that of corners with number 0 in `groups`.
+    Later poses are only read if vertices share a normal in the earlier ones. Only the first normal of a vertex can be
+    shared: that of corners with number 0 in `groups`. Of a single pose, None is returned if computed normals do not
+    depend on what is shared.
     """
     # The last assignment counts: the first corner of each vertex.
     chosen = np.flatnonzero(groups.values == 0)[::-1]
@@ -145,20 +145,25 @@ def shared_in_poses(
         count += 1
         normals = np.full((connectivity.vertex_count, 3), np.nan)
         normals[vertices] = 1 if of_corners is None else of_corners[chosen]
+        places = points
         if found is not None:
             normals[found.values == 0] = np.nan
-            points = np.column_stack([points, found.values])
-        found = shared_normals(points, normals)
+            places = np.column_stack([points, found.values])
+        found = shared_normals(places, normals)
         if found is None:
-            break
-    return found, count
+            return None
+    if found is not None and count == 1:
+        still = np.asarray(points, np.float32)[None]
+        apart, joined = (NormalRows(connectivity, groups.values, one).of(still) for one in (None, found.values))
+        return found if np.abs(apart - joined).max() > SAME_NORMAL_DIFFERENCE else None
+    return found
 
 
-def _matters(connectivity: Connectivity, groups: Attribute, shared: Attribute, points: NDArray[Any]) -> bool:
-    """Return whether computed normals depend on what is shared, at positions that stay."""
-    still = np.asarray(points, np.float32)[None]
-    apart, joined = (NormalRows(connectivity, groups.values, one).of(still) for one in (None, shared.values))
-    return bool(np.abs(apart - joined).max() > SAME_NORMAL_DIFFERENCE)
+def with_shared(item: MeshObject, poses: Iterable[Pose]) -> MeshObject:
+    """Return an object with :func:`shared_in_poses`, if it has hard edges and vertices that share a normal."""
+    groups = group_attribute(item)
+    shared = None if groups is None else shared_in_poses(item.connectivity, groups, poses)
+    return item if shared is None else dataclasses.replace(item, attributes=(*item.attributes, shared))
 
 
 def read_normals(
@@ -175,9 +180,8 @@ def read_normals(
     groups, of_corners = read_normal_group(connectivity, stored, order), stored.at_corners(connectivity, order)
     found = [groups]
     if later is not None and stored.domain in ("vertex", "corner"):
-        shared, poses = shared_in_poses(connectivity, groups, chain([(points, of_corners)], later))
-        if shared is not None and (poses > 1 or _matters(connectivity, groups, shared, points)):
-            found.append(shared)
+        shared = shared_in_poses(connectivity, groups, chain([(points, of_corners)], later))
+        found += [] if shared is None else [shared]
     return found, turned_normals(MeshObject("", connectivity, tuple(found)), points, of_corners)
 
 

@@ -20,7 +20,7 @@ from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_looks import is_same_attribute
 from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
-from pdecodec.formats.base.stored_normals import StoredNormals, read_normal_group
+from pdecodec.formats.base.stored_normals import Pose, StoredNormals, read_normal_group
 from pdecodec.formats.obj.text import ObjText
 from pdecodec.mesh.arrays import Int32Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, Content, MeshObject
@@ -200,6 +200,17 @@ class ObjModel:
             if used.size and not (part.vertices[0] <= used.min() and used.max() < part.vertices[1]):
                 return False
         return True
+
+    def poses(self) -> Iterator[Pose]:
+        """Yield the positions of each object, and the normals of its corners, if it has any."""
+        normals = np.vstack([self._scan.normals, np.full((1, 3), np.nan)])
+        for part in self._parts if self._is_separate else [self._whole]:
+            own = slice(*part.elements)
+            on_face = np.repeat(self._is_face[own], self._scan.element_sizes[own])
+            rows = self._corners(part)[on_face, 2]
+            inside = (rows >= 0) & (rows < len(normals) - 1)
+            of_corners = normals[np.where(inside, rows, -1)] if inside.any() else None
+            yield self._scan.positions[slice(*part.vertices)], of_corners
 
     def _build_whole(self, parts: list[_Part], vertices: tuple[int, int]) -> MeshObject:
         """Return the file as one object. Its name is that of the part with all vertices, or the only name of

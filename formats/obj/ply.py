@@ -101,21 +101,20 @@ def _mesh(data: Any) -> MeshFile:
         counts = np.full(indices.size // 3, 3)
     sizes = np.full(len(lines), 2, np.int32)
     connectivity = Connectivity(len(points), counts.astype(np.int32), indices, sizes, lines.reshape(-1))
-    attributes = [_colors(vertex, "vertex", COLOR)]
+    attributes, normals = [_colors(vertex, "vertex", COLOR)], None
     if counts.size:
         # Vertex and face colours get different names.
         attributes.append(_colors(face, "face", COLOR if attributes[0] is None else f"{COLOR}:face"))
         attributes.append(_face_uvs(face, connectivity) or _vertex_uvs(vertex, connectivity))
         if set(_NORMALS) <= set(vertex):
             attributes.append(normal_group(connectivity, None))
-            for name in _NORMALS:
-                del vertex[name]
+            normals = np.stack([vertex.pop(name) for name in _NORMALS], axis=1)
     fields = _fields(vertex, "vertex", data.comments) | _fields(face if counts.size else {}, "face", data.comments)
     lost = [name if element == "vertex" else f"{element} {name}" for element, own in elements.items() for name in own]
     lost += [f"texture {one.partition(' ')[2]}" for one in data.comments if one.startswith(_TEXTURE)]
     lost += ["obj_info"] if data.obj_info else []
     kept = tuple(one for one in attributes if one is not None)
-    return MeshFile(points, connectivity, kept, not_kept(lost), fields)
+    return MeshFile(points, connectivity, kept, not_kept(lost), fields, normals)
 
 
 def _fields(columns: dict[str, Any], domain: FieldDomain, comments: Sequence[str]) -> dict[DataKey, StoredData]:

@@ -13,8 +13,9 @@ import os
 import re
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ from pdecodec.formats.base.frame_files import FrameFiles, find_frames
 from pdecodec.formats.base.frame_meshes import runs_of_frames
 from pdecodec.formats.base.kept_frames import KeptData, KeptPositions
 from pdecodec.formats.base.registry import read_errors
+from pdecodec.formats.base.stored_normals import Pose, spread, with_shared
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.model import ObjModel
 from pdecodec.formats.obj.text import (
@@ -198,11 +200,34 @@ class ObjSequence(MeshSequence):
         self.metadata = self.model.metadata
         self._looks = frames.looks(first)
         self.objects = tuple(
-            replace(item, attributes=tuple(one for one in item.attributes if one.name not in self._looks))
-            for item in self.model.objects
+            with_shared(
+                replace(item, attributes=tuple(one for one in item.attributes if one.name not in self._looks)),
+                self._poses(index),
+            )
+            for index, item in enumerate(self.model.objects)
         )
         self.fields = tuple(_look_fields(self.model.objects, self._looks))
         self._values = KeptData()
+
+    def _poses(self, index: int) -> Iterator[Pose]:
+        """Yield positions and normals of an object in some frames, from the first one on."""
+        yield self._first_poses[index]
+        for poses in self._later_poses:
+            if len(poses) == len(self._first_poses):
+                yield poses[index]
+
+    @cached_property
+    def _first_poses(self) -> list[Pose]:
+        return list(self.model.poses())
+
+    @cached_property
+    def _later_poses(self) -> list[list[Pose]]:
+        found = []
+        with suppress(InputError):  # The error is raised when the frame is read.
+            for frame in spread(range(self._first, self._first + self.times.size)):
+                text = read_text(self._frames.paths[frame], frame)
+                found.append(list(ObjModel(text, scan(text)).poses()))
+        return found
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = np.empty(field.shape(stop - start, self.objects), field.dtype)

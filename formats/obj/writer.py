@@ -31,7 +31,7 @@ from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
 from pdecodec.formats.base.looks import look_role, looks_of, objects_at, shared_uv_rows
-from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows
+from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows, shared_attribute
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
 from pdecodec.mesh.arrays import Float32Array
@@ -107,7 +107,10 @@ def check_finite(points: Float32Array, frame: int) -> None:
 def _is_written(item: MeshObject, attribute: Attribute) -> bool:
     if attribute.domain == "face" and attribute.name in ("object", "group", "material", "smoothing"):
         return True
-    return any(attribute is one for one in (*uv_sets(item)[:1], main_color(item), group_attribute(item)))
+    return any(
+        attribute is one
+        for one in (*uv_sets(item)[:1], main_color(item), group_attribute(item), shared_attribute(item))
+    )
 
 
 def _name_notices(objects: Sequence[MeshObject]) -> Iterator[str]:

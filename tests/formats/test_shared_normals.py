@@ -98,6 +98,26 @@ def write_abc(path: Path, poses: Poses, scope: str) -> None:
         mesh.getSchema().set(sample)
 
 
+def write_obj(path: Path, poses: Poses, scope: str) -> None:
+    for number, (points, directions) in enumerate(poses):
+        rows = [f"v {x:g} {y:g} {z:g}" for x, y, z in points]
+        rows += [] if directions is None else [f"vn {x:g} {y:g} {z:g}" for x, y, z in directions]
+        corner = "{0}" if directions is None else "{0}//{0}"
+        rows += ["f " + " ".join(corner.format(one + 1) for one in face) for face in FACES]
+        (path.parent / path.name.replace("#", str(number))).write_text("\n".join([*rows, ""]))
+
+
+def write_ply(path: Path, poses: Poses, scope: str) -> None:
+    for number, (points, directions) in enumerate(poses):
+        names = "xyz" if directions is None else ["x", "y", "z", "nx", "ny", "nz"]
+        head = ["ply", "format ascii 1.0", "element vertex 8", *(f"property float {name}" for name in names)]
+        rows = points if directions is None else np.hstack([points, directions])
+        lines = [*rows.tolist(), *([4, *face] for face in FACES.tolist())]
+        head += ["element face 2", "property list uchar int vertex_indices", "end_header"]
+        text = "\n".join([*head, *(" ".join(map(str, line)) for line in lines), ""])
+        (path.parent / path.name.replace("#", str(number))).write_text(text)
+
+
 WRITERS: dict[str, Callable[[Path, Poses, str], None]] = {".usda": write_usd, ".abc": write_abc}
 
 
@@ -126,6 +146,24 @@ def test_vertices_that_a_scene_cuts_share_a_normal_if_they_do_so_at_all_times(
         assert shared_in(read) == (PAIRS if shares else [0] * 8)
         if shares:
             np.testing.assert_allclose(ridge(read), UP[:4], atol=1e-6)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("write", [write_obj, write_ply])
+def test_vertices_that_files_of_frames_cut_share_a_normal_if_they_do_so_at_all_times(
+    tmp_path: Path, write: Callable[[Path, Poses, str], None], case: str
+) -> None:
+    extension = write.__name__.removeprefix("write_")
+    poses, shares = CASES[case]
+    write(tmp_path / f"x.#.{extension}", poses, "vertex")
+    with open_sequence(tmp_path / f"x.#.{extension}") as read:
+        assert shared_in(read) == (PAIRS if shares else [0] * 8)
+        assert not shares or not any(
+            "shared_normal" in one for one in write_sequence(read, tmp_path / f"y.#.{extension}")
+        )
+    if shares:
+        with open_sequence(tmp_path / f"y.#.{extension}") as again:
+            assert shared_in(again) == PAIRS
 
 
 @pytest.mark.parametrize("extension", WRITERS)
