@@ -31,13 +31,13 @@ CONVENTIONS = """\
 - **Hard edges** are `normal_group`, one number per corner: corners of a vertex with equal numbers share a normal.
   Normals themselves are computed from the positions of each frame, and written if the source had normals or smoothing
   groups. Otherwise glTF, which shows faces without normals flat, gets smooth normals, or none if all faces are flat
-  triangles. glTF cuts vertices at hard edges, UV seams and material borders. They stay cut. Vertices
-  that a glTF, USD, Alembic, OBJ or PLY file cuts, and that are together and share a normal at all times, have one number in
+  triangles. glTF cuts vertices at hard edges, UV seams and material borders. They stay cut. Vertices that a glTF, USD,
+  Alembic, OBJ or PLY file cuts, and that are together and share a normal at all times, have one number in
   `shared_normal` and share a normal in every frame. USD, Alembic, OBJ and PLY are looked at at four frames. A note
-  gives the number of normals of a glTF, USD or Alembic file that differ by more than 5 degrees from those computed from its faces.
-  Formats with one normal per vertex get normals only
-  for meshes without hard edges. No conversion keeps normals that were made by hand or taken from another mesh:
-  positions change from frame to frame, and such normals belong to the frame that stores them.
+  gives the number of normals of a glTF, USD or Alembic file that differ by more than 5 degrees from those computed
+  from its faces. Formats with one normal per vertex get normals only for meshes without hard edges. No conversion
+  keeps normals that were made by hand or taken from another mesh: positions change from frame to frame, and such
+  normals belong to the frame that stores them.
 - **Size of glTF.** Unless the motion has few functions of time, each frame is a morph target. Positions and normals of
   targets are float32 there, and viewers do not compute smooth normals: 24 bytes per row and frame, twice the positions.
   `--quantize` (KHR_mesh_quantization, which viewers must support) makes it 12: positions of 16 bits, normals of 8, at

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Sequence
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +63,8 @@ class StoredNormals(NamedTuple):
         found[rows >= 0] = self.values[rows[rows >= 0]]
         return found
 
+
+Time = TypeVar("Time", int, float)
 
 Pose = tuple[NDArray[Any], Float64Array | None]
 """Positions (vertices, 3) at a time, and the stored normals of corners (corners, 3); None if none are stored then."""
@@ -208,7 +210,7 @@ def turned_normals(item: MeshObject, points: NDArray[Any], of_corners: Float64Ar
     return np.where(has_area, np.degrees(2 * np.arcsin(np.minimum(1, chords / 2))), np.nan)
 
 
-def spread(times: Sequence[float]) -> list[float]:
+def spread(times: Sequence[Time]) -> list[Time]:
     """Return some of the times after the first one, spread evenly, with the last one: those of `later` poses."""
     chosen = np.unique(np.linspace(0, len(times) - 1, MAX_POSES).astype(int)).tolist() if times else []
     return [times[number] for number in chosen[1:]]

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -199,35 +199,33 @@ class ObjSequence(MeshSequence):
         self.times, self.fps, self.notices = timing
         self.metadata = self.model.metadata
         self._looks = frames.looks(first)
-        self.objects = tuple(
-            with_shared(
-                replace(item, attributes=tuple(one for one in item.attributes if one.name not in self._looks)),
-                self._poses(index),
-            )
-            for index, item in enumerate(self.model.objects)
+        self.objects = self._with_shared(
+            [
+                replace(item, attributes=tuple(one for one in item.attributes if one.name not in self._looks))
+                for item in self.model.objects
+            ]
         )
         self.fields = tuple(_look_fields(self.model.objects, self._looks))
         self._values = KeptData()
 
-    def _poses(self, index: int) -> Iterator[Pose]:
-        """Yield positions and normals of an object in some frames, from the first one on."""
-        yield self._first_poses[index]
-        for poses in self._later_poses:
-            if len(poses) == len(self._first_poses):
-                yield poses[index]
+    def _with_shared(self, items: Sequence[MeshObject]) -> tuple[MeshObject, ...]:
+        """Return objects with the vertices that share a normal in some frames, from the first one on."""
+        first = list(self.model.poses())
 
-    @cached_property
-    def _first_poses(self) -> list[Pose]:
-        return list(self.model.poses())
+        @cache
+        def later() -> list[list[Pose]]:
+            found = []
+            with suppress(InputError):  # The error is raised when the frame is read.
+                for frame in spread(range(self._first, self._first + self.times.size)):
+                    text = read_text(self._frames.paths[frame], frame)
+                    found.append(list(ObjModel(text, scan(text)).poses()))
+            return [one for one in found if len(one) == len(first)]
 
-    @cached_property
-    def _later_poses(self) -> list[list[Pose]]:
-        found = []
-        with suppress(InputError):  # The error is raised when the frame is read.
-            for frame in spread(range(self._first, self._first + self.times.size)):
-                text = read_text(self._frames.paths[frame], frame)
-                found.append(list(ObjModel(text, scan(text)).poses()))
-        return found
+        def poses(index: int) -> Iterator[Pose]:
+            yield first[index]
+            yield from (one[index] for one in later())
+
+        return tuple(with_shared(item, poses(index)) for index, item in enumerate(items))
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         values = np.empty(field.shape(stop - start, self.objects), field.dtype)

@@ -107,10 +107,8 @@ def check_finite(points: Float32Array, frame: int) -> None:
 def _is_written(item: MeshObject, attribute: Attribute) -> bool:
     if attribute.domain == "face" and attribute.name in ("object", "group", "material", "smoothing"):
         return True
-    return any(
-        attribute is one
-        for one in (*uv_sets(item)[:1], main_color(item), group_attribute(item), shared_attribute(item))
-    )
+    held = (*uv_sets(item)[:1], main_color(item), group_attribute(item), shared_attribute(item))
+    return any(attribute is one for one in held)
 
 
 def _name_notices(objects: Sequence[MeshObject]) -> Iterator[str]:
