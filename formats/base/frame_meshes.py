@@ -21,7 +21,7 @@ from pdecodec.formats.base.frame_looks import ChangingLooks, looks_of_frame
 from pdecodec.formats.base.kept_frames import KeptData, KeptPositions, Positions
 from pdecodec.formats.base.stored_normals import Pose, spread, with_shared
 from pdecodec.formats.base.times import Timing, timing_of_numbers
-from pdecodec.mesh.arrays import Float32Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field, rows_of_domain
 from pdecodec.mesh.rounding import to_float32
 from pdecodec.mesh.runs import ChangingSequence, OpenedRuns
@@ -47,6 +47,10 @@ class MeshFile:
     notices: tuple[str, ...] = ()
     data: Mapping[DataKey, StoredData] = field(default_factory=dict, compare=False)
     normals: NDArray[Any] | None = field(default=None, compare=False)
+
+    def normals_of_corners(self) -> Float64Array | None:
+        """Return the normals of corners (corners, 3); None without normals."""
+        return None if self.normals is None else self.normals[self.connectivity.face_indices].astype(np.float64)
 
     def continues(self, other: MeshFile) -> bool:
         """Return whether another mesh has the same faces, lines and cells, and the same vertices if they have ids."""
@@ -224,8 +228,7 @@ class FrameSequence(MeshSequence):
         with suppress(InputError):  # The error is raised when the frame is read.
             for mesh in chain([first], later):
                 if mesh.continues(first):
-                    corners = mesh.connectivity.face_indices
-                    yield mesh.points, None if mesh.normals is None else mesh.normals[corners].astype(np.float64)
+                    yield mesh.points, mesh.normals_of_corners
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         rows = field.row_count(self.objects)

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -606,7 +607,11 @@ class Extras:
             self.left_out.append("normals")
         elif self.connectivity.face_count:
             mesh, order = self.connectivity, self.order
-            poses = ((at, one.at_corners(mesh, order) if one is not None and fits(one) else None) for at, one in later)
+
+            def at_corners(one: StoredNormals | None) -> Float64Array | None:
+                return one.at_corners(mesh, order) if one is not None and fits(one) else None
+
+            poses = ((at, partial(at_corners, one)) for at, one in later)
             found, self.turned = read_normals(mesh, order, stored, points, None if has_shared else poses)
             self.attributes += found
 

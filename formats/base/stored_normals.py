@@ -6,7 +6,7 @@ Only this is kept of normals: see :mod:`pdecodec.formats.base.normals`.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar
 
@@ -66,8 +66,9 @@ class StoredNormals(NamedTuple):
 
 Time = TypeVar("Time", int, float)
 
-Pose = tuple[NDArray[Any], Float64Array | None]
-"""Positions (vertices, 3) at a time, and the stored normals of corners (corners, 3); None if none are stored then."""
+Pose = tuple[NDArray[Any], Callable[[], Float64Array | None]]
+"""Positions (vertices, 3) at a time, and a function that returns the stored normals of corners (corners, 3); None if
+none are stored then."""
 
 
 def read_normal_group(connectivity: Connectivity, stored: StoredNormals, order: Int64Array) -> Attribute:
@@ -143,8 +144,11 @@ def shared_in_poses(connectivity: Connectivity, groups: Attribute, poses: Iterab
     vertices = connectivity.face_indices[chosen]
     found: Attribute | None = None
     count = 0
-    for points, of_corners in poses:
+    for points, read in poses:
         count += 1
+        if count == 1 and not _repeated_rows(points).size:
+            return None
+        of_corners = read()
         normals = np.full((connectivity.vertex_count, 3), np.nan)
         normals[vertices] = 1 if of_corners is None else of_corners[chosen]
         places = points
@@ -182,7 +186,7 @@ def read_normals(
     groups, of_corners = read_normal_group(connectivity, stored, order), stored.at_corners(connectivity, order)
     found = [groups]
     if later is not None and stored.domain in ("vertex", "corner"):
-        shared = shared_in_poses(connectivity, groups, chain([(points, of_corners)], later))
+        shared = shared_in_poses(connectivity, groups, chain([(points, lambda: of_corners)], later))
         found += [] if shared is None else [shared]
     return found, turned_normals(MeshObject("", connectivity, tuple(found)), points, of_corners)
 

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 
 import numpy as np
@@ -22,7 +22,7 @@ from pdecodec.formats.base.normals import normal_group
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME
 from pdecodec.formats.base.stored_normals import Pose, StoredNormals, read_normal_group
 from pdecodec.formats.obj.text import ObjText
-from pdecodec.mesh.arrays import Int32Array
+from pdecodec.mesh.arrays import Float64Array, Int32Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, Content, MeshObject
 
 GEOMETRY_NOT_READ = frozenset({"curv", "curv2", "surf", "fo", "bzp", "bsp", "cdc", "cdp", "res", "call", "csh"})
@@ -202,15 +202,18 @@ class ObjModel:
         return True
 
     def poses(self) -> Iterator[Pose]:
-        """Yield the positions of each object, and the normals of its corners, if it has any."""
-        normals = np.vstack([self._scan.normals, np.full((1, 3), np.nan)])
+        """Yield the positions of each object, and what returns the normals of its corners."""
         for part in self._parts if self._is_separate else [self._whole]:
-            own = slice(*part.elements)
-            on_face = np.repeat(self._is_face[own], self._scan.element_sizes[own])
-            rows = self._corners(part)[on_face, 2]
-            inside = (rows >= 0) & (rows < len(normals) - 1)
-            of_corners = normals[np.where(inside, rows, -1)] if inside.any() else None
-            yield self._scan.positions[slice(*part.vertices)], of_corners
+            yield self._scan.positions[slice(*part.vertices)], partial(self._normals_of_corners, part)
+
+    def _normals_of_corners(self, part: _Part) -> Float64Array | None:
+        """Return the normals of corners of faces (corners, 3), NaN for those without; None if there are none."""
+        own, known = slice(*part.elements), self._scan.normals
+        rows = self._corners(part)[np.repeat(self._is_face[own], self._scan.element_sizes[own]), 2]
+        inside = (rows >= 0) & (rows < len(known))
+        normals = np.full((rows.size, 3), np.nan)
+        normals[inside] = known[rows[inside]]
+        return normals if inside.any() else None
 
     def _build_whole(self, parts: list[_Part], vertices: tuple[int, int]) -> MeshObject:
         """Return the file as one object. Its name is that of the part with all vertices, or the only name of
