@@ -45,7 +45,7 @@ CONVENTIONS = """\
   of time, rounding adds up (to 5.8 degrees in the shared sequences): normals of such targets have 16 bits where 8 are
   more than 0.4 degrees off, and are at most 0.03 degrees off there. A note gives the error, and another one tells if a
   file is larger than its source; `--web` is `--quantize --meshopt --rigid`.
-- **Motion inside glTF.** With `--motion`, meshes that are not rigid have no targets: a `.pdeanim` file in a buffer
+- **Motion inside glTF.** With `--motion`, meshes that change shape have no targets: a `.pdeanim` file in a buffer
   view moves them ([PDECODEC_mesh_motion](../spec/extension/README.md)), within `--tolerance` or `--max-error`.
   Vertices that are together at all frames are welded in it; the glTF file's vertices and triangles stand in its
   order. So polygons come back as triangles, vertices cut at seams stay cut, and their order is another one. Rigid

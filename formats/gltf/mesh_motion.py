@@ -110,6 +110,7 @@ class MotionWriter:
         self._bound = settings.bound(scale) if self.stored is None else bound_of(self.stored)
         self.step = STEP_BOUNDS * (self._bound or scale / UNBOUNDED_STEPS)
         self._objects: list[MeshObject] = []
+        self._vertices = 0
         self._parts: list[tuple[Float32Array, Int64Array]] = []
         self._rows: list[CodedRows] = []
 
@@ -118,15 +119,19 @@ class MotionWriter:
         """Whether the motion moves anything."""
         return bool(self._objects)
 
-    def add(self, item: MeshObject, frames: Float32Array) -> CodedRows:
-        """Add an object with its positions (frames, vertices, 3). If the motion is an animation that is stored
-        already, add all its objects in order.
+    def add(self, item: MeshObject, frames: Float32Array) -> CodedRows | None:
+        """Add an object with its positions (frames, vertices, 3); return None if it stands still.
+
+        If the motion is an animation that is stored already, add all its objects in order.
         """
-        first, part = sum(one.vertex_count for one in self._objects), item.connectivity
+        first, part = self._vertices, item.connectivity
         if self.stored is not None:
             self._objects.append(item)
+            self._vertices += part.vertex_count
             self._rows.append(CodedRows(first, np.arange(part.vertex_count), np.arange(part.face_count)))
             return self._rows[-1]
+        if all(np.array_equal(points, frames[0]) for points in frames[1:]):
+            return None
         leaders, welded = weld(frames)
         shape = Connectivity(
             leaders.size,
@@ -149,6 +154,7 @@ class MotionWriter:
             number[shape.line_indices].astype(np.int32),
         )
         self._objects.append(MeshObject(item.name, coded))
+        self._vertices += coded.vertex_count
         self._parts.append((frames, leaders[vertices]))
         self._rows.append(CodedRows(first, number[welded], ranks))
         return self._rows[-1]

@@ -166,7 +166,6 @@ class _MeshWriter:
         attributes, morphs = self._attributes(), self._morphs()
         attributes |= {} if joints is None else self._builder.influences(joints[self.sources])
         self._add_normals(attributes, morphs)
-        _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
         common = {"targets": morphs} if morphs else {}
         row_map = {} if self._coded is None else self._coded.row_map(self._builder, self.sources)
         drawn: list[tuple[int, NDArray[Any]]] = []
@@ -186,6 +185,7 @@ class _MeshWriter:
                 self._coded.add_to(primitives[-1], row_map)
         mesh: dict[str, Any] = {"primitives": primitives}
         if self._delivery is None:
+            _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
             self.notes["of"] = fingerprint(self.sources.size, drawn)
             mesh["extras"] = {"pdecodec": self.notes}
         if morphs:

@@ -130,7 +130,7 @@ class _Onto(GltfScene):
         builder, nodes = self._builder, self._builder.root["nodes"]
         every = np.ones(self._sequence.vertex_count, bool)
         frames, known = self._read(every), self._thirds()
-        between = None if known is None else known.read_frames(0, known.frame_count)
+        between = None if known is None or self._is_stored else known.read_frames(0, known.frame_count)
         meshes = {one.index: nodes[self._original.shapes[one.index].node]["mesh"] for one in self._fits}
         moved: dict[str, None] = {}
         rigid = self._rigid_objects() if self._output.is_filled else {}
@@ -145,8 +145,10 @@ class _Onto(GltfScene):
             coded = None
             if self._coded is not None and item.vertex_count and (self._is_stored or not is_mirrored):
                 coded = self._coded.add(item, points)
-            if is_mirrored:
-                coded = None  # its node would mirror the motion, too
+            if is_mirrored and coded is not None:
+                # Its node would mirror the motion, too. Of a stored one, only the first frame was read.
+                coded, points = None, self._sequence.read_frames(0, self._sequence.frame_count)[:, one.own]
+                thirds = None if known is None else known.read_frames(0, known.frame_count)[:, one.own]
             if parts is not None and len(parts.movers) > 1 and is_mirrored:
                 parts = None  # no scale of its node would turn the faces of a skin
             turns, joints = None, None

@@ -238,7 +238,7 @@ def _are_apart(keys: Float64Array, times: Float64Array) -> BoolArray:
 def _timing_of_motion(motion: StoredMotion, fps: float | None) -> Timing:
     """Return the frames of a motion that is an animation of its own, or frames at a requested rate."""
     stored = motion.coded.fps
-    rate, notices = rate_or_default(stored, fps)
+    rate, notices = rate_or_default(stored if fps is None else None, fps)
     if rate == stored or motion.times.size < 2:
         return motion.times, rate, notices
     times, more = resampled(motion.times, rate)
@@ -259,27 +259,31 @@ def _choose_clip(
     """
     entries = file.listed("animations")
     names = [str(entry.get("name", f"animation_{index}")) for index, entry in enumerate(entries)]
-    alone = motions.names
-    names += alone
+    alone = motions.alone
+    names += [str(motions.entries[one].get("name", f"motion_{one}")) for one in alone]
     if name is not None and name not in names:
         there = ", ".join(map(repr, names)) or "none"
         raise InputError(f"has no animation {name!r}; there is {there}", code="object-missing")
     if not names:
         return None, 0, [], ()
-    index = _first_that_lasts(file, len(entries)) if name is None else names.index(name)
+    index = _first_that_lasts(file, len(entries), motions) if name is None else names.index(name)
     notices: tuple[str, ...] = ()
     if name is None and len(names) > 1:
         text = f"has {len(names)} animations, {', '.join(names)}; {names[index]!r} is used"
         notices = (Notice(text, setting="clip", purpose="to take another"),)
     if index >= len(entries):
-        return None, 0, [alone[names[index]]], notices
+        return None, 0, [alone[index - len(entries)]], notices
     return read_clip(file, index), index, motions.playing(index), notices
 
 
-def _first_that_lasts(file: GltfFile, count: int) -> int:
-    """Return the index of the first animation with a duration, or 0."""
-    for index in range(count):
-        if any(times[-1] > times[0] for times in read_clip(file, index).key_times):
+def _first_that_lasts(file: GltfFile, count: int, motions: StoredMotions) -> int:
+    """Return the index of the first of `count` animations, and the motions after them, with a duration, or 0."""
+    playing = [*(motions.playing(index) for index in range(count)), *([one] for one in motions.alone)]
+    for index, moving in enumerate(playing):
+        keys = read_clip(file, index).key_times if index < count else []
+        if any(times[-1] > times[0] for times in keys) or any(
+            motions.entries[one].get("duration", 0) > 0 for one in moving
+        ):
             return index
     return 0
 

@@ -79,10 +79,9 @@ class StoredMotions:
         self._opened: dict[int, StoredMotion] = {}
 
     @property
-    def names(self) -> dict[str, int]:
-        """Motions that are animations of their own, by name."""
-        own = [(index, one) for index, one in enumerate(self.entries) if "animation" not in one]
-        return {str(one.get("name", f"motion_{index}")): index for index, one in own}
+    def alone(self) -> list[int]:
+        """The motions that are animations of their own."""
+        return [index for index, one in enumerate(self.entries) if "animation" not in one]
 
     def playing(self, clip: int) -> list[int]:
         """Return the motions that are part of an animation."""

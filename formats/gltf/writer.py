@@ -40,6 +40,7 @@ from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_no
 from pdecodec.formats.gltf.reader import GltfSequence
 from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
+from pdecodec.formats.gltf.types import MESH_MOTION
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array
 from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence
 
@@ -145,7 +146,8 @@ class GltfScene:
     def __init__(self, builder: GltfBuilder, sequence: MeshSequence, output: Output, *, turn: bool = False) -> None:
         self._builder, self._sequence, self._output, self._turn = builder, sequence, output, turn
         # The positions in a stored `.pdeanim` file cannot be turned, so the nodes are.
-        self._is_stored = is_stored(sequence, output.motion)
+        settings = output.motion if sequence.frame_count > 1 else None
+        self._is_stored = is_stored(sequence, settings)
         self._source = place(sequence, up_axis="Y") if turn and not self._is_stored else sequence
         self._branches: dict[tuple[str, ...], int] = {}
         self._roots: list[int] = []
@@ -158,8 +160,8 @@ class GltfScene:
         self._key_times: int | None = None
         self._coded: MotionWriter | None = None
         self._delivery: Delivery | None = None
-        if output.motion is not None:
-            self._coded = MotionWriter(builder, self._source, output.motion, output.progress)
+        if settings is not None:
+            self._coded = MotionWriter(builder, self._source, settings, output.progress)
             self._delivery = Delivery(self._coded.step if output.quantize else None)
         self._bound = output.rigid
         if self._coded is not None:
@@ -379,6 +381,7 @@ class _Scene(GltfScene):
             coded: CodedRows | None = None
             if self._coded is not None and own is None and turns is None:
                 coded = self._coded.add(item, part)
+            if coded is not None:
                 part, thirds, place = part[:1], None, self._turned_place()
             if turns is not None:
                 part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)
@@ -431,10 +434,14 @@ class _Scene(GltfScene):
             extras = {"pdecodec": {"frames": sequence.frame_count, **self._noted_times()}}
             animation = {"name": "motion", "samplers": self._samplers, "channels": self._channels, "extras": extras}
             builder.add("animations", animation)
-            if self._start:
-                self._notices.append(
-                    f"the animation starts at 0 s instead of {self._start:g} s; pdecodec restores the recorded start"
-                )
+        if self._start and (self._channels or has_motion):
+            self._notices.append(
+                f"the animation starts at 0 s instead of {self._start:g} s; pdecodec restores the recorded start"
+            )
+        if self._output.motion is not None and not has_motion:
+            self._notices.append(f"no mesh changes its shape, so the file has no {MESH_MOTION}")
+        if self._delivery is not None:
+            self._notices.append("not kept: polygons, as glTF has triangles, and the order of vertices")
         if self._coded is not None:
             self._notices += self._coded.write(0 if self._channels else None, self._output.rate)
         builder.add("scenes", {"nodes": self._roots})
@@ -449,7 +456,7 @@ class _Scene(GltfScene):
         self._notices += [f"the third component of {name!r} is not kept: UVs have two in glTF" for name in deep]
         self._notices += self._motion_notices()
         self._notices += self._rigid_notices(rigid)
-        if self._output.quantize:
+        if self._output.quantize and (coarsest or self._coded is None):
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
             if steepest:
                 bits = " or ".join(sorted({"16" if one.has_fine_normals else "8" for one in self._motions}, key=int))

@@ -76,6 +76,19 @@ def test_every_vertex_comes_back_within_the_bound(name: str, web: bool, tmp_path
         assert found.fps == pytest.approx(clip.fps)
         bound = 1e-3 * frame_scale(clip.read_frames(0, 1)[0])
         assert largest_distance(found, clip) <= bound * (1 + 1e-6), notices
+    assert any("starts at 0 s" in one for one in notices) == bool(clip.times[0])
+    assert any("the order of vertices" in one for one in notices) == (clip.frame_count > 1)
+
+
+@pytest.mark.parametrize("name", ["one frame", "static"])
+def test_what_stands_still_has_no_motion(name: str, tmp_path: Path) -> None:
+    clip, path = CLIPS[name](), tmp_path / "a.glb"
+    notices = write_sequence(clip, path, motion=SETTINGS)
+    assert "no mesh changes its shape, so the file has no PDECODEC_mesh_motion" in notices
+    assert "extensionsUsed" not in root_of(path.read_bytes())
+    with open_sequence(path) as found:
+        np.testing.assert_array_equal(found.times, clip.times)
+        assert largest_distance(found, clip) == 0
 
 
 def test_the_example_is_what_the_writer_writes_and_the_plain_decoder_agrees(tmp_path: Path) -> None:
@@ -187,13 +200,38 @@ def test_times_of_nodes_and_of_the_motion_are_the_same_frames(tmp_path: Path) ->
         assert largest_distance(found, clip) <= 1e-3 * frame_scale(clip.read_frames(0, 1)[0])
 
 
+def test_a_motion_is_chosen_by_its_duration_and_every_one_is_named(tmp_path: Path) -> None:
+    def change(root: dict[str, Any]) -> None:
+        _motion(root).pop("animation")
+        root["extensions"][NAME]["motions"] *= 2
+        root["animations"] = [{"name": "still", "channels": [], "samplers": []}]
+
+    with open_sequence(changed(tmp_path / "a.glb", change)) as found:
+        assert found.frame_count == 36
+        assert any("has 3 animations, still, motion_0, motion_1; 'motion_0' is used" in one for one in found.notices)
+
+
+def test_a_motion_that_is_sampled_at_another_rate_is_not_said_to_keep_its_times(tmp_path: Path) -> None:
+    path = changed(tmp_path / "a.glb", lambda root: _motion(root).pop("animation") or root.pop("animations"))
+    with open_sequence(path, fps=12) as found:
+        assert found.frame_count == 19
+        assert not any("are kept" in one for one in found.notices)
+        assert any("sampled at 12 frames per second" in one for one in found.notices)
+
+
+@pytest.mark.parametrize("scale", [[1, 1, 1], [-1, 1, 1]], ids=["plain", "mirrored"])
 @pytest.mark.parametrize("motion", [EncodeSettings(), SETTINGS, None], ids=["stored", "encoded", "targets"])
 def test_a_scene_that_a_file_carries_keeps_its_materials_and_gets_the_motion(
-    motion: EncodeSettings | None, tmp_path: Path
+    motion: EncodeSettings | None, scale: list[int], tmp_path: Path
 ) -> None:
     source, path = tmp_path / "a.pdeanim", tmp_path / "b.glb"
     material = {"pbrMetallicRoughness": {"roughnessFactor": 0.25}, "emissiveFactor": [0.5, 0, 0]}
-    original = changed(tmp_path / "a.glb", lambda root: root["materials"][0].update(material))
+
+    def change(root: dict[str, Any]) -> None:
+        root["materials"][0].update(material)
+        root["nodes"][0]["scale"] = scale
+
+    original = changed(tmp_path / "a.glb", change)
     with open_sequence(original) as opened:
         encode(opened, source, SETTINGS)
         expected = opened.read_frames(0, 36).astype(np.float64)
