@@ -608,7 +608,7 @@ class Extras:
         elif self.connectivity.face_count:
             mesh, order = self.connectivity, self.order
 
-            def at_corners(one: StoredNormals | None) -> Float64Array | None:
+            def at_corners(one: StoredNormals | None) -> Float32Array | None:
                 return one.at_corners(mesh, order) if one is not None and fits(one) else None
 
             poses = ((at, partial(at_corners, one)) for at, one in later)

@@ -23,7 +23,7 @@ from pdecodec.formats.base.normals import (
     number_rows,
     unit_vectors,
 )
-from pdecodec.mesh.arrays import Float64Array, Int32Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject
 
 MAX_POSES = 4
@@ -49,7 +49,7 @@ class StoredNormals(NamedTuple):
     values: NDArray[Any]
     indices: Int32Array | None = None
 
-    def at_corners(self, connectivity: Connectivity, order: Int64Array) -> Float64Array:
+    def at_corners(self, connectivity: Connectivity, order: Int64Array) -> Float32Array:
         """Return the normal of each corner, (corners, 3), NaN for none; `order` as in :func:`read_normal_group`."""
         rows: NDArray[np.integer] = np.zeros_like(connectivity.face_indices)
         if self.domain == "vertex":
@@ -58,15 +58,19 @@ class StoredNormals(NamedTuple):
             rows = order
         elif self.domain == "face":
             rows = np.repeat(np.arange(connectivity.face_count), connectivity.face_counts)
-        rows = rows if self.indices is None else self.indices[rows]
-        found = np.full((rows.size, 3), np.nan)
+        found: Float32Array
+        if self.indices is None:
+            found = self.values[rows].astype(np.float32, copy=False)
+            return found
+        rows = self.indices[rows]
+        found = np.full((rows.size, 3), np.nan, np.float32)
         found[rows >= 0] = self.values[rows[rows >= 0]]
         return found
 
 
 Time = TypeVar("Time", int, float)
 
-Pose = tuple[NDArray[Any], Callable[[], Float64Array | None]]
+Pose = tuple[NDArray[Any], Callable[[], NDArray[np.floating] | None]]
 """Positions (vertices, 3) at a time, and a function that returns the stored normals of corners (corners, 3); None if
 none are stored then."""
 
@@ -191,27 +195,31 @@ def read_normals(
     return found, turned_normals(MeshObject("", connectivity, tuple(found)), points, of_corners)
 
 
-def turned_normals(item: MeshObject, points: NDArray[Any], of_corners: Float64Array) -> Float64Array:
+def turned_normals(item: MeshObject, points: NDArray[Any], of_corners: NDArray[np.floating]) -> Float64Array:
     """Return the angles (corners,) between stored normals (corners, 3) and those computed from faces [degrees].
 
-    NaN if no normal is stored, or if the face has no area.
+    NaN if no normal is stored. If any angle is noticed, NaN also if the face has no area.
 
     Parameters
     ----------
     item : MeshObject
         With its hard edges.
     points : (vertices, 3) array
-    of_corners : (corners, 3) float64
+    of_corners : (corners, 3) array
     """
     rows = normal_rows(item)
     if rows is None:
         return np.zeros(0)
-    points = np.asarray(points, np.float32)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        stored = of_corners / np.linalg.norm(of_corners, axis=1, keepdims=True)
-        chords = np.linalg.norm(stored - rows.of(points[None])[0][rows.corner_rows], axis=1)
-    has_area = np.repeat(rows.face_sizes(points) > 0, item.connectivity.face_counts)
-    return np.where(has_area, np.degrees(2 * np.arcsin(np.minimum(1, chords / 2))), np.nan)
+    points, stored = np.asarray(points, np.float32), of_corners.astype(np.float32, copy=False)
+    computed = rows.of(points[None])[0][rows.corner_rows]
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        off = stored / np.sqrt(np.einsum("ij,ij->i", stored, stored))[:, None] - computed
+    chords = np.sqrt(np.einsum("ij,ij->i", off, off)).astype(np.float64)
+    angles: Float64Array = np.degrees(2 * np.arcsin(np.minimum(1, chords / 2)))
+    if (angles > NOTICED_NORMAL_ANGLE).any():
+        has_area = np.repeat(rows.face_sizes(points) > 0, item.connectivity.face_counts)
+        angles[~has_area] = np.nan
+    return angles
 
 
 def spread(times: Sequence[Time]) -> list[Time]:
