@@ -45,18 +45,21 @@ def import_clip(
         If the file is missing or damaged.
     """
     clip = player.clip_of(os.path.normpath(path))
-    animation = clip.animation
+    animation, items = clip.animation, list(_objects_of(clip))
     folders = {"": bpy.data.collections.new(Path(path).stem)}
     collection.children.link(folders[""])
     found = []
-    for number, item in _objects_of(clip):
+    for number, item in items:
         above, _, name = item.name.rpartition("/")
         thing = bpy.data.objects.new(name, bpy.data.meshes.new(name))
         thing.matrix_world = Matrix(meshes.space_of(animation))
         if not clip.is_changing:
             meshes.fill(thing.data, item)
             for field in meshes.fields_of(animation, number) if use_fields else ():
-                thing.data.attributes.new(field.name, meshes.KINDS[field.components][0], meshes.DOMAINS[field.domain])
+                if field.name not in thing.data.attributes:
+                    thing.data.attributes.new(
+                        field.name, meshes.KINDS[field.components][0], meshes.DOMAINS[field.domain]
+                    )
         settings = thing.pdeanim
         settings.object_name, settings.object_number = item.name, number
         # Set without its update, which shows a frame on every object.

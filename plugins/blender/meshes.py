@@ -45,23 +45,30 @@ def fill(mesh: bpy.types.Mesh, item: pdecodec.MeshObject | None) -> None:
     mesh.polygons.foreach_set("loop_start", np.cumsum(whole.face_counts, dtype=np.int32) - whole.face_counts)
     mesh.update(calc_edges=True, calc_edges_loose=True)
     mesh.shade_flat()
-    named = {one.name: one for one in item.attributes}
-    if "normal_group" in named or "smoothing" in named:
+    found = [(one, expanded(one)) for one in item.attributes]
+    whole_numbers = {(one.name, one.domain): rows for one, rows in found if _is_whole(rows)}
+    groups, smoothing = whole_numbers.get(("normal_group", "corner")), whole_numbers.get(("smoothing", "face"))
+    if groups is not None or smoothing is not None:
         mesh.shade_smooth()
-        groups = named["normal_group"].values if "normal_group" in named else _smoothing(named["smoothing"], whole)
-        mesh.attributes.new("sharp_edge", "BOOLEAN", "EDGE").data.foreach_set("value", _sharp_edges(mesh, groups))
-    for attribute in item.attributes:
+        keys = _smoothing(smoothing, whole) if groups is None else groups
+        mesh.attributes.new("sharp_edge", "BOOLEAN", "EDGE").data.foreach_set("value", _sharp_edges(mesh, keys))
+    for attribute, rows in found:
         role, _, name = attribute.name.partition(":")
-        rows = expanded(attribute)
-        if role == "uv" and attribute.domain == "corner":
+        columns = rows.shape[1] if rows.ndim == 2 else 1
+        if role == "uv" and attribute.domain == "corner" and columns > 1:
             layer = mesh.uv_layers.new(name=name or MAIN_NAMES["uv"])
             layer.uv.foreach_set("vector", np.ascontiguousarray(rows[:, :2], np.float32).reshape(-1))
-        elif role == "color":
+        elif role == "color" and attribute.domain != "cell" and columns in (3, 4):
             _add_colors(mesh, name or MAIN_NAMES["color"], attribute, rows)
-        elif role == "material":
+        elif role == "material" and attribute.domain in ("face", "object") and _is_whole(rows):
             _add_materials(mesh, name, attribute, rows)
     # Faces that use a vertex twice crash Blender's editors.
     mesh.validate(clean_customdata=False)
+
+
+def _is_whole(rows: np.ndarray) -> bool:
+    """Return whether there is one whole number for each element."""
+    return rows.ndim == 1 and rows.dtype.kind in "iu"
 
 
 def expanded(attribute: pdecodec.Attribute) -> np.ndarray:
@@ -103,10 +110,15 @@ def _add_colors(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribute, 
 
 
 def _add_materials(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribute, rows: np.ndarray) -> None:
-    """Add slots for an attribute's labels, or for the one `name`, whose faces have a 1; slots that are there stay."""
+    """Add slots for an attribute's labels, or for the one `name`, whose faces have a 1; slots that are there stay.
+
+    Numbers without labels and name name no material.
+    """
+    if not (attribute.labels or name):
+        return
     numbers = np.zeros(len(mesh.polygons), np.int32)
     mesh.polygons.foreach_get("material_index", numbers)
-    labels, values = (attribute.labels, rows) if attribute.labels else ((name,), rows.astype(int) - 1)
+    labels, values = (attribute.labels, rows) if attribute.labels else ((name,), np.sign(rows.astype(int)) - 1)
     if (values < 0).any() and not len(mesh.materials):
         mesh.materials.append(None)
     for label in labels:
@@ -117,9 +129,9 @@ def _add_materials(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribut
     mesh.polygons.foreach_set("material_index", np.broadcast_to(numbers, len(mesh.polygons)).astype(np.int32))
 
 
-def _smoothing(attribute: pdecodec.Attribute, whole: pdecodec.Connectivity) -> np.ndarray:
+def _smoothing(groups: np.ndarray, whole: pdecodec.Connectivity) -> np.ndarray:
     """Return the smoothing group of each corner's face; faces of group 0 are flat, each a group of its own."""
-    groups = expanded(attribute).astype(np.int64)
+    groups = groups.astype(np.int64)
     return np.repeat(np.where(groups > 0, groups, -np.arange(len(groups))), whole.face_counts)
 
 
@@ -240,7 +252,9 @@ def has_faces(mesh: bpy.types.Mesh, whole: pdecodec.Connectivity) -> bool:
 def fields_of(run: pdecodec.Animation, number: int) -> Iterator[pdecodec.Field]:
     """Yield the fields of an object that a mesh can show."""
     for field in run.fields:
-        if field.domain in DOMAINS and field.components in KINDS and (field.objects is None or number in field.objects):
+        is_of_object = field.objects is None or number in field.objects
+        # Blender keeps the vertices themselves in an attribute `position`.
+        if field.domain in DOMAINS and field.components in KINDS and is_of_object and field.name != "position":
             yield field
 
 

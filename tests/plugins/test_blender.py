@@ -116,6 +116,7 @@ TENT = connectivity(6, [[0, 1, 4, 3], [1, 2, 5, 4]])
         (None, False, []),
         (Attribute("normal_group", "corner", np.zeros(8, np.int32)), True, []),
         (Attribute("normal_group", "corner", np.array([0, 0, 0, 0, 0, 0, 0, 1], np.int32)), True, [[1, 4]]),
+        (Attribute("normal_group", "corner", np.array([0, 1], np.int32), np.eye(8, dtype=int)[7]), True, [[1, 4]]),
         (Attribute("smoothing", "face", np.array([1, 1], np.int32)), True, []),
         (Attribute("smoothing", "face", np.array([0, 0], np.int32)), True, [[1, 4]]),
     ],
@@ -128,6 +129,33 @@ def test_hard_edges_stay_hard(
     assert read(mesh.polygons, "use_smooth", 1, bool).all() == is_smooth
     edges = read(mesh.edges, "vertices", 2, np.int32)[read(mesh.edges, "use_edge_sharp", 1, bool)]
     assert np.sort(edges).tolist() == hard
+
+
+@pytest.mark.parametrize(
+    "attribute",
+    [
+        Attribute("material", "face", np.array([0, 5], np.int32)),
+        Attribute("material", "face", np.array([0.5, 5], np.float32)),
+        Attribute("material", "corner", np.zeros(8, np.int32), labels=("skin",)),
+        Attribute("color", "vertex", np.zeros(6, np.float32)),
+        Attribute("color", "vertex", np.zeros((6, 5), np.float32)),
+        Attribute("uv", "corner", np.zeros(8, np.float32)),
+        Attribute("normal_group", "vertex", np.zeros(6, np.int32)),
+        Attribute("smoothing", "corner", np.zeros(8, np.int32)),
+    ],
+    ids=lambda one: f"{one.name}-{one.domain}-{one.values.dtype}-{one.values.ndim}",
+)
+def test_attributes_that_only_share_a_name_are_left_out(stage: Any, tmp_path: Path, attribute: Attribute) -> None:
+    clip = scene([MeshObject("tent", TENT, (attribute,))])
+    position = pdecodec.Field("position", "vertex", components=3)
+    fields = [(position, np.zeros((len(clip.times), 6, 3), np.float32))]
+    clip = ArraySequence(clip.points, objects=clip.objects, times=clip.times, fields=fields)
+    path = encoded(clip, tmp_path / "a.pdeanim")
+    thing = imported(path)["tent"]
+    with pdecodec.open(path) as animation:
+        assert np.array_equal(shown(thing, 2), animation.positions(2 / RATE))
+    assert not any(map(len, (thing.data.materials, thing.data.uv_layers, thing.data.color_attributes)))
+    assert not read(thing.data.polygons, "use_smooth", 1, bool).any()
 
 
 @pytest.mark.parametrize(
