@@ -37,5 +37,6 @@ from pdecodec.mesh.sequence import Attribute as Attribute
 from pdecodec.mesh.sequence import Connectivity as Connectivity
 from pdecodec.mesh.sequence import MeshObject as MeshObject
 from pdecodec.mesh.sequence import MeshSequence as MeshSequence
+from pdecodec.mesh.transforms import apply_transform as apply_transform
 
 __version__: str

@@ -258,28 +258,6 @@ def fields_of(run: pdecodec.Animation, number: int) -> Iterator[pdecodec.Field]:
             yield field
 
 
-def transformed(
-    item: pdecodec.MeshObject, time: float, points: np.ndarray, rates: np.ndarray | None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return positions and velocities in the clip's space, for an object whose positions are in a space of its own.
-
-    Its attribute ``transform`` has rows of a time and a matrix, between which every number is linear.
-    """
-    rows = next((one.values for one in item.attributes if one.name == "transform"), None)
-    if rows is None:
-        return points, rates
-    matrix = np.array([np.interp(time, rows[:, 0], column) for column in rows[:, 1:].T]).reshape(4, 4)
-    if rates is not None:
-        after = int(np.searchsorted(rows[:, 0], time, side="right"))
-        slope = np.zeros((4, 4))
-        if 0 < after < len(rows):
-            slope = (
-                np.diff(rows[after - 1 : after + 1, 1:], axis=0) / np.diff(rows[after - 1 : after + 1, 0])
-            ).reshape(4, 4)
-        rates = rates @ matrix[:3, :3] + points @ slope[:3, :3] + slope[3, :3]
-    return (points @ matrix[:3, :3] + matrix[3, :3]).astype(np.float32), rates
-
-
 def space_of(animation: pdecodec.Animation) -> np.ndarray:
     """Return the matrix, (4, 4), that brings a clip into Blender's space: Z up, metres. Y is up unless it says so."""
     unit = animation.metadata.get("unit", "m").strip()

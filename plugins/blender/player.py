@@ -162,7 +162,7 @@ def show(thing: bpy.types.Object, settings: Any, scene: bpy.types.Scene) -> None
     points, rates = clip.values(POSITIONS, time)[rows], None
     if scene.render.use_motion_blur or VELOCITY in mesh.attributes:
         rates = clip.values(VELOCITIES, time)[rows]
-    points, rates = meshes.transformed(run.objects[number], time, points, rates)
+    points, rates = pdecodec.apply_transform(run.objects[number], time, points, rates)
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points).reshape(-1))
     if rates is not None:
         meshes.write_values(mesh, VELOCITY, "vertex", rates * np.float32(settings.speed))

@@ -16,9 +16,9 @@ import numpy as np
 import pdecodec
 
 KINDS = (
-    *(("polyline", 0), ("line", 2), ("polygon", 0), ("triangle", 3), ("quad", 4), ("tetra", 4), ("pyramid", 5)),
-    *(("wedge", 6), ("hexahedron", 8)),
-)
+    ("polyline", 0), ("line", 2), ("polygon", 0), ("triangle", 3), ("quad", 4), ("tetra", 4), ("pyramid", 5),
+    ("wedge", 6), ("hexahedron", 8),
+)  # fmt: skip
 """For each shape of cells (:class:`pdecodec.Connectivity`), meshio's name, and the number of its corners."""
 
 
@@ -54,9 +54,9 @@ def read(filename: str | os.PathLike[str], time: float | None = None) -> Any:
 
 
 def _mesh(run: Any, time: float) -> Any:
-    objects, own = run.objects, "cell"
-    if not run.connectivity.cell_count:  # faces and lines become cells, object by object
-        own = "face"
+    objects = run.objects
+    # Without cells, faces and lines become cells, object by object.
+    cell_domain = "cell" if run.connectivity.cell_count else "face"
     parts = [one.connectivity if one.connectivity.cell_count else one.connectivity.with_own_cells() for one in objects]
     shifts = np.cumsum([0, *(part.vertex_count for part in parts)])
     shapes = np.concatenate([part.cell_shapes for part in parts])
@@ -73,7 +73,7 @@ def _mesh(run: Any, time: float) -> Any:
     if len(objects) > 1:
         point_data["object"] = np.repeat(np.arange(len(objects)), np.diff(shifts))
     for field in run.fields:
-        if field.domain not in ("vertex", own):
+        if field.domain not in ("vertex", cell_domain):
             continue
         values = run.field(field.name, time)
         missing = np.nan if values.dtype.kind == "f" else 0
@@ -85,7 +85,9 @@ def _mesh(run: Any, time: float) -> Any:
             point_data[field.name] = whole
         else:
             cell_data[field.name] = np.split(whole, edges[1:-1])
-    return meshio.Mesh(run.positions(time), cells, point_data, cell_data)
+    own = np.split(run.positions(time), shifts[1:-1])
+    points = [pdecodec.apply_transform(item, time, rows)[0] for item, rows in zip(objects, own, strict=True)]
+    return meshio.Mesh(np.concatenate(points), cells, point_data, cell_data)
 
 
 def _kind(shape: int, nodes: int) -> tuple[str, int]:

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -18,9 +19,9 @@ import pdecodec
 def load(file_obj: BinaryIO, file_type: str | None = None, *, time: float | None = None, **_: Any) -> dict[str, Any]:
     """Return the objects of a `.pdeanim` file at one time, as arguments of a :class:`trimesh.Scene`.
 
-    Vertices keep their order; faces of more than three corners become fans of triangles, of which the face attribute
-    ``face`` names the face. Objects without faces are clouds of points. Fields on vertices and faces are vertex and
-    face attributes.
+    The second object of one name is ``NAME_2``. Vertices keep their order; faces of more than three corners
+    become fans of triangles, of which the face attribute ``face`` names the face. Objects without faces are clouds of
+    points. Fields on vertices and faces are vertex and face attributes.
 
     Parameters
     ----------
@@ -41,7 +42,7 @@ def load(file_obj: BinaryIO, file_type: str | None = None, *, time: float | None
         run = animation.run_at(at)
         assert isinstance(run, pdecodec.Animation)
         fields = {one.name: (one, run.field(one.name, at)) for one in run.fields if one.domain in ("vertex", "face")}
-        positions, start, geometry = run.positions(at), 0, {}
+        positions, start, geometry, repeats = run.positions(at), 0, {}, Counter[str]()
         for index, item in enumerate(run.objects):
             own = {
                 domain: {
@@ -51,14 +52,19 @@ def load(file_obj: BinaryIO, file_type: str | None = None, *, time: float | None
                 }
                 for domain in ("vertex", "face")
             }
-            found: dict[str, Any] = {"vertices": positions[start : start + item.vertex_count]}
+            points = pdecodec.apply_transform(item, at, positions[start : start + item.vertex_count])[0]
+            found: dict[str, Any] = {"vertices": points}
             start += item.vertex_count
             if item.connectivity.face_count:
                 triangles, faces = _fans(item.connectivity)
                 of_faces = {name: values[faces] for name, values in own["face"].items()}
                 found |= {"faces": triangles, "process": False, "vertex_attributes": own["vertex"]}
                 found["face_attributes"] = {"face": faces, **of_faces}
-            geometry[item.name] = found
+            name = item.name
+            while name in geometry:
+                repeats[item.name] += 1
+                name = f"{item.name}_{repeats[item.name] + 1}"
+            geometry[name] = found
         metadata = {"time": at, **animation.metadata}
     nodes = [{"frame_to": name, "geometry": name} for name in geometry]
     return {"geometry": geometry, "graph": nodes, "metadata": metadata}

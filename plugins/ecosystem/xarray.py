@@ -50,8 +50,9 @@ class PdeanimBackend(BackendEntrypoint):
         -------
         xarray.Dataset
             ``positions`` (time, vertex, component), float32 [scene units]; each field (time, elements of its domain
-            [, components]); the faces, lines and cells as counts and indices (:class:`pdecodec.Connectivity`) of all
-            objects together. ``time`` is in seconds; ``vertex_object`` and others number the object of each element.
+            [, components]), as ``NAME_field`` if something else has its name; the faces, lines and cells as counts and
+            indices (:class:`pdecodec.Connectivity`) of all objects together. ``time`` is in seconds; ``vertex_object``
+            and others number the object of each element.
 
         Raises
         ------
@@ -89,7 +90,11 @@ class PdeanimBackend(BackendEntrypoint):
                 if field.objects is not None:
                     coordinates[dimension] = _rows(field, objects)
                 axes = ("time", dimension, *([f"component_of_{field.name}"] if field.components > 1 else []))
-                found[field.name] = axes, dask.field(filename_or_obj, field.name, times), {"units": field.unit}
+                taken = {*found, *coordinates, *(one for values in found.values() for one in np.atleast_1d(values[0]))}
+                name = field.name
+                while name in taken:
+                    name += "_field"
+                found[name] = axes, dask.field(filename_or_obj, field.name, times), {"units": field.unit}
             attributes = {"fps": animation.fps, **animation.metadata}
         dropped = {drop_variables} if isinstance(drop_variables, str) else set(drop_variables or ())
         data = Dataset(

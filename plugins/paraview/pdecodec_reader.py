@@ -89,7 +89,8 @@ class PdecodecReader(VTKPythonAlgorithmBase):
     @smproperty.dataarrayselection(name="Fields")
     def GetFields(self) -> Any:
         """Return the selection of fields; all are selected at first."""
-        self._opened()
+        if self._path:
+            self._opened()
         return self._selection
 
     @smproperty.xml(SWITCH)

@@ -34,6 +34,11 @@ class PdeanimReader(pyvista.BaseReader, TimeReader):
         if self.reader.error is not None:
             raise self.reader.error
 
+    def _times(self) -> list[float]:
+        times: list[float] = self.reader.GetTimestepValues()
+        self._check()
+        return times
+
     def read(self, *, validate: bool | None = None) -> Any:
         """Return the objects at the active time.
 
@@ -61,9 +66,11 @@ class PdeanimReader(pyvista.BaseReader, TimeReader):
     @fields.setter
     def fields(self, names: list[str]) -> None:
         selection = self.reader.GetFields()
-        selection.DisableAllArrays()
+        self._check()
         for name in names:
             self.reader.animation.runs[0].field_named(name)
+        selection.DisableAllArrays()
+        for name in names:
             selection.EnableArray(name)
 
     @property
@@ -78,11 +85,11 @@ class PdeanimReader(pyvista.BaseReader, TimeReader):
     @property
     def number_time_points(self) -> int:
         """Number of frames."""
-        return len(self.reader.GetTimestepValues())
+        return len(self._times())
 
     def time_point_value(self, time_point: int) -> float:
         """Return the time of a frame [s]."""
-        return float(self.reader.GetTimestepValues()[time_point])
+        return float(self._times()[time_point])
 
     @property
     def active_time_value(self) -> float:

@@ -11,7 +11,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
 from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkUnstructuredGrid
 
-from pdecodec import Animation, Attribute, Connectivity, MeshObject
+from pdecodec import Animation, Attribute, Connectivity, MeshObject, apply_transform
 
 CELL_TYPES: tuple[dict[int, int], ...] = (
     {1: 1}, {1: 1, 2: 3, 3: 21, 4: 35}, {}, {3: 5, 6: 22, 7: 34}, {4: 9, 8: 23, 9: 28}, {4: 10, 10: 24},
@@ -22,8 +22,8 @@ CELL_TYPES: tuple[dict[int, int], ...] = (
 TYPES_OF_ANY_SIZE = {0: 4, 2: 7}
 """VTK's types of polylines and polygons, by shape."""
 
-SHADING = ("normal_group", "shared_normal")
-"""Attributes that only say where edges are hard."""
+HIDDEN = ("normal_group", "shared_normal", "transform")
+"""Attributes that only say where edges are hard, or that positions have already."""
 
 VELOCITY = "velocity"
 """Name of the point data with the derivative of the positions [scene units / s]."""
@@ -72,11 +72,13 @@ class RunBlocks:
             rows = slice(ends[index] - objects[index].vertex_count, ends[index])
             data = self._constant[index].NewInstance()
             data.ShallowCopy(self._constant[index])
+            own_rates = None if velocities is None else velocities[rows]
+            placed, rates = apply_transform(objects[index], time, positions[rows], own_rates)
             points = vtkPoints()
-            points.SetData(numpy_to_vtk(positions[rows]))
+            points.SetData(numpy_to_vtk(placed))
             data.SetPoints(points)
-            if velocities is not None:
-                _add(data, objects[index].connectivity, "vertex", VELOCITY, velocities[rows])
+            if rates is not None:
+                _add(data, objects[index].connectivity, "vertex", VELOCITY, rates)
             for name, (field, found) in values.items():
                 own = found[field.slices(objects)[index]]
                 if len(own):
@@ -104,7 +106,7 @@ def _constant_data(item: MeshObject) -> Any:
             every = np.arange(mesh.vertex_count)
             data.SetVerts(_cell_array(np.ones_like(every), every))
     for attribute in item.attributes:
-        if attribute.name not in SHADING:
+        if attribute.name not in HIDDEN:
             _add_attribute(data, mesh, attribute)
     return data
 

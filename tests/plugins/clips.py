@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pdecodec import ArraySequence, Attribute, ChangingSequence, Connectivity, Field, MeshObject, encode
+from pdecodec import ArraySequence, Attribute, ChangingSequence, Connectivity, Field, MeshObject, encode, open_animation
 from tests.support.solids import solid_sequence
 
 FIELD_ERROR = 1e-3
@@ -44,11 +44,29 @@ def changing() -> ChangingSequence:
     return ChangingSequence([first, ArraySequence(moved, faces=[[0, 1, 2], [2, 3, 4]], times=1 + np.arange(4) / 24)])
 
 
+def kept_apart() -> ArraySequence:
+    """Return two objects of one name, of which the second has a transform of its own, and fields of awkward names."""
+    frames, times = 5, np.arange(5) / 24
+    points = np.random.default_rng(1).normal(size=(1, 6, 3)) + np.sin(times)[:, None, None]
+    matrices = np.tile(np.diag([2.0, 2, 2, 1]), (frames, 1, 1))
+    matrices[:, 3, 0] = 10 + times
+    transform = Attribute("transform", "object", np.column_stack([times, matrices.reshape(frames, 16)]))
+    mesh = Connectivity(3, [3], [0, 1, 2])
+    values = np.random.default_rng(2).normal(size=(frames, 6)).astype(np.float32)
+    return ArraySequence(
+        points.astype(np.float32),
+        objects=(MeshObject("part", mesh), MeshObject("part", mesh, (transform,))),
+        times=times,
+        fields=[(Field(name, "vertex"), values) for name in ("positions", "vertex", "face_counts", "corner")],
+    )
+
+
 SOURCES = {
     "surfaces": surfaces,
     "solids": lambda: solid_sequence("tetra", "hexahedron", "wedge", "pyramid"),
     "quadratic": lambda: solid_sequence("tetra", "hexahedron", size=1, quadratic=True),
     "changing": changing,
+    "kept_apart": kept_apart,
 }
 
 
@@ -57,3 +75,11 @@ def write(name: str, folder: Path) -> Path:
     path = folder / f"{name}.pdeanim"
     encode(SOURCES[name](), path, tolerance=1e-3, field_tolerance=FIELD_ERROR)
     return path
+
+
+def assert_in_the_space_of_the_scene(found: list[np.ndarray], path: Path, time: float) -> None:
+    """Assert that the points of the objects of :func:`kept_apart` are where their transforms put them."""
+    with open_animation(path) as animation:
+        points = animation.positions(time)
+    np.testing.assert_array_equal(found[0], points[:3])
+    np.testing.assert_allclose(found[1], points[3:] * 2 + [10 + time, 0, 0], rtol=1e-6)

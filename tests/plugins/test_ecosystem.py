@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import pdecodec
-from tests.plugins.clips import BETWEEN, write
+from tests.plugins.clips import BETWEEN, assert_in_the_space_of_the_scene, write
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -83,6 +83,29 @@ def test_trimesh_loads_a_scene_at_any_time(tmp_path: Path) -> None:
         assert np.array_equal(sheet.face_attributes["broken"], broken[[0, 0, 1, 1, 2, 2, 3]])
         assert np.array_equal(sheet.vertex_attributes["stress"], animation.field("stress", BETWEEN)[:9])
         assert np.array_equal(trimesh.load_scene(path).geometry["Dust"].vertices, animation.read_frames(0, 1)[0, 9:])
+
+
+def test_objects_in_a_space_of_their_own_and_of_one_name_are_in_their_places(tmp_path: Path) -> None:
+    reader, path = plugin("meshio"), write("kept_apart", tmp_path)
+    assert_in_the_space_of_the_scene(np.split(reader.read(path, time=BETWEEN).points, 2), path, BETWEEN)
+    plugin("trimesh")
+    import trimesh
+
+    scene = trimesh.load_scene(path, time=BETWEEN)
+    assert list(scene.geometry) == ["part", "part_2"]
+    assert_in_the_space_of_the_scene([one.vertices for one in scene.geometry.values()], path, BETWEEN)
+
+
+def test_xarray_renames_fields_whose_names_are_taken(tmp_path: Path) -> None:
+    plugin("xarray")
+    pytest.importorskip("dask")
+    import xarray
+
+    path = write("kept_apart", tmp_path)
+    with pdecodec.open(path) as animation, xarray.open_dataset(path) as data:
+        assert np.array_equal(data.positions, animation.positions(animation.times))
+        for field in animation.fields:
+            assert np.array_equal(data[f"{field.name}_field"], animation.field(field.name, animation.times))
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def blocks(reader: Any, time: float) -> list[Any]:
     return [WrapDataObject(output.GetBlock(index)) for index in range(output.GetNumberOfBlocks())]
 
 
-@pytest.mark.parametrize("name", SOURCES)
+@pytest.mark.parametrize("name", sorted(set(SOURCES) - {"kept_apart"}))
 def test_vtk_sees_the_positions_and_fields_of_every_time(plugin: Any, name: str, tmp_path: Path) -> None:
     path, source = write(name, tmp_path), SOURCES[name]()
     reader = opened(plugin, path)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import pdecodec
-from tests.plugins.clips import BETWEEN, write
+from tests.plugins.clips import BETWEEN, assert_in_the_space_of_the_scene, write
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,7 @@ def test_fields_are_chosen_by_name(pyvista: Any, tmp_path: Path) -> None:
     assert set(reader.read()[0].cell_data.keys()) == {"broken", "material"}
     with pytest.raises(pdecodec.InputError, match="no field 'none'"):
         reader.fields = ["none"]
+    assert reader.fields == ["broken"]
     assert pyvista.read(path, fields=["stress"])[1].point_data.keys() == ["stress"]
 
 
@@ -66,3 +67,23 @@ def test_a_damaged_file_raises_our_error(pyvista: Any, tmp_path: Path, capfd: py
     path.write_bytes(path.read_bytes()[:-5])
     with pytest.raises(pdecodec.CorruptFileError, match="truncated"):
         pyvista.read(path)
+
+
+def test_a_file_that_disappears_raises_our_error(pyvista: Any, tmp_path: Path) -> None:
+    path = write("surfaces", tmp_path)
+    reader = pyvista.get_reader(path)
+    path.unlink()
+    with pytest.raises(pdecodec.InputError, match=r"surfaces\.pdeanim"):
+        reader.read()
+
+
+def test_objects_in_a_space_of_their_own_are_in_their_places(pyvista: Any, tmp_path: Path) -> None:
+    reader = pyvista.get_reader(path := write("kept_apart", tmp_path))
+    reader.velocity = True
+    reader.set_active_time_value(BETWEEN)
+    blocks = list(reader.read())
+    assert_in_the_space_of_the_scene([one.points for one in blocks], path, BETWEEN)
+    with pdecodec.open(path) as animation:
+        expected = animation.velocities(BETWEEN)[3:] * 2 + [1, 0, 0]
+    np.testing.assert_allclose(blocks[1]["velocity"], expected, rtol=1e-5)
+    assert "transform" not in blocks[1].field_data
