@@ -131,6 +131,8 @@ class ExodusSequence(MeshSequence):
         nodal = self._names("name_nod_var")
         vectors = vectors_of(nodal, len(coordinates))
         chosen = choose_vectors(list(vectors), self.asked, self._path, defined=displacements(vectors, len(coordinates)))
+        if not times.size:
+            chosen = None  # without steps, variables have no values
         offered = [name for name, found in vectors.items() if len(found) >= len(coordinates)]
         self.notices = motion_notices(chosen, offered, self.asked, moves=times.size < 2)
         used: list[str] = []
