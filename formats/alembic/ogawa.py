@@ -19,8 +19,8 @@ KEY_BYTES = 16
 _ROOT_PLACE, _IS_DATA = 8, 1 << 63
 """Place of the root group's place; bit of a place that says that there is a block."""
 
-_INFO = b"_ai_AlembicVersion"
-"""First key of the text that says who wrote a file and when."""
+_INFO_CHILD = 3
+"""Number of the root group's child that is a text: who wrote the file, and when."""
 
 
 def blocks(data: bytearray) -> Iterator[tuple[int, int]]:
@@ -53,29 +53,38 @@ def _number(data: bytearray, place: int) -> int:
     return int(found)
 
 
+def read_info(path: Path) -> bytes:
+    """Return the text in which a file states who wrote it, and when."""
+    with path.open("rb") as file:
+        _, place, size = _find_info(file)
+        file.seek(place)
+        return file.read(size)
+
+
 def replace_info(path: Path, text: bytes) -> None:
-    """Replace the text by which a file that the library wrote says who wrote it, and when.
-
-    The library itself always writes the present time.
-    """
+    """Replace the text in which a file states who wrote it, and when: the library always writes the present time."""
     with path.open("r+b") as file:
-        (root,) = _numbers(file, _ROOT_PLACE, 1)
-        (count,) = _numbers(file, root, 1)
-        for index, child in enumerate(_numbers(file, root + 8, count)):
-            if child & _IS_DATA and (place := child & ~_IS_DATA):
-                (size,) = _numbers(file, place, 1)
-                if size >= len(_INFO) and file.read(len(_INFO)) == _INFO:
-                    # The new text has another length: it goes to the end. Without the old one, equal input gives equal
-                    # bytes.
-                    file.seek(place + 8)
-                    file.write(bytes(size))
-                    end = file.seek(0, 2)
-                    file.write(struct.pack("<Q", len(text)) + text)
-                    file.seek(root + 8 * (index + 1))
-                    file.write(struct.pack("<Q", end | _IS_DATA))
-                    return
+        reference, place, size = _find_info(file)
+        # The new text has another length: it goes to the end. Without the old one, equal input gives equal bytes.
+        file.seek(place)
+        file.write(bytes(size))
+        end = file.seek(0, 2)
+        file.write(struct.pack("<Q", len(text)) + text)
+        file.seek(reference)
+        file.write(struct.pack("<Q", end | _IS_DATA))
 
 
-def _numbers(file: IO[bytes], place: int, count: int) -> tuple[int, ...]:
-    file.seek(place)
-    return struct.unpack(f"<{count}Q", file.read(8 * count))
+def _find_info(file: IO[bytes]) -> tuple[int, int, int]:
+    """Return the place of the reference to a file's text about itself, and the place and size of that text."""
+    end = file.seek(0, 2)
+    reference = _number_at(file, _ROOT_PLACE) + 8 * (_INFO_CHILD + 1)
+    where = _number_at(file, reference) & ~_IS_DATA
+    size = _number_at(file, where) if where else 0
+    if where + 8 + size > end:
+        raise damaged("its tree of blocks leaves the file")
+    return reference, where + 8, size
+
+
+def _number_at(file: IO[bytes], place: int) -> int:
+    file.seek(min(place, _IS_DATA - 1))
+    return _number(bytearray(file.read(8)), 0)

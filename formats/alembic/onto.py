@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,7 +18,7 @@ import imath
 from alembic3d import Abc, AbcGeom
 
 from pdecodec.formats.alembic.attributes import FPS_PROPERTY, METADATA_PROPERTY
-from pdecodec.formats.alembic.ogawa import replace_info
+from pdecodec.formats.alembic.ogawa import read_info, replace_info
 from pdecodec.formats.alembic.reader import AlembicSequence
 from pdecodec.formats.alembic.values import SCOPES, Keep, normal_sample, to_numpy, unsigned_array, vector_array
 from pdecodec.formats.alembic.writer import OBJECT_BYTES, SAMPLE_BYTES, archive_file, time_sampling
@@ -49,14 +50,16 @@ def write_alembic_onto(
     with archive_file(output) as path:
         notices = _Copy(sequence, original, fits, source, output, path).write()
         if output.is_filled:
-            replace_info(path, str(original.top.getMetaData()).encode())
+            replace_info(path, read_info(source))
         return notices
 
 
 def _archive_like(original: AlembicSequence, path: Path) -> Any:
     """Open an archive for writing that says which program wrote the original, and its description."""
     told = Abc.GetArchiveInfo(original.top.getArchive())
-    return Abc.CreateArchiveWithInfo(str(path), told["appName"], told["userDescription"])
+    # The library ends the process if it is to write separators of its own record.
+    program, description = (re.sub("[;=]", " ", told[key]) for key in ("appName", "userDescription"))
+    return Abc.CreateArchiveWithInfo(str(path), program, description)
 
 
 def moved_shapes(original: AlembicSequence, fits: Sequence[Fitted], *, keeps_instances: bool) -> dict[str, Fitted]:
