@@ -107,8 +107,9 @@ class AlembicFamily:
                 (folder / ROOT).open("r+b") as file,
             ):
                 for place, name, number, dtype, count, time, seconds in sorted(cuts["samples"], key=_by_frame):
-                    content = fields.at(name, number, time, seconds, count).astype(dtype).tobytes()
-                    _write(file, place, content, size)
+                    if not 0 <= count <= size:  # before rows take memory
+                        raise damaged("the scene does not fit the meshes of the file")
+                    _write(file, place, fields.at(name, number, time, seconds, count, dtype).tobytes(), size)
 
 
 def _by_frame(sample: Sequence[Any]) -> tuple[Any, ...]:

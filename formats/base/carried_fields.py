@@ -75,12 +75,19 @@ class StoredFields:
         off = abs(self._times[near] - time)
         return found if off <= SAME_TIME and abs(self._sequence.times - found).min() <= SAME_TIME else None
 
-    def at(self, name: str, number: int, time: float, seconds: float, count: int) -> NDArray[np.generic]:
-        """Return the `count` rows (count, components) that are stored at a time of the format.
+    def at(self, name: str, number: int, time: float, seconds: float, count: int, dtype: str) -> NDArray[np.generic]:
+        """Return the `count` rows (count, components) of type `dtype` that are stored at a time of the format.
 
         `seconds` is that time; of a sequence without a frame then, the nearest frame is taken. Rows that the field
         lacks are 0. Objects of one frame, one after the other, take one read.
+
+        Raises
+        ------
+        ValueError
+            If there are no numbers of this type.
         """
+        if np.dtype(dtype).kind not in "fiu":
+            raise ValueError(f"{dtype} is no type of numbers")
         field, (source, shape, matrix) = self._fields[name], self._stored(name, number, time)
         frame = int(np.abs(self._sequence.times - seconds).argmin())
         if self._read is None or self._read[:2] != (name, frame):
@@ -92,7 +99,7 @@ class StoredFields:
         rows, faces = rows[0], self._fits[number].item.connectivity
         if field.domain == "corner" and not faces.same_as(shape.connectivity):
             rows = rows[reversed_corners(faces.face_counts)]
-        return _in_file(source, rows, time, count)
+        return _in_file(source, rows, time, count).astype(dtype)
 
     def is_stored(self, name: str, number: int, time: float, values: NDArray[np.generic]) -> bool:
         """Return whether values (count, components) are what the original stores at a time, and :meth:`at` gives."""

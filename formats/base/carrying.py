@@ -261,7 +261,7 @@ def write_scene(
                 raise damaged("the scene is damaged: its files have other names")
         except InputError as error:
             if error.code in OF_OUTPUT:
-                raise
+                raise error.placed(path=where) from error
             return error
         (folder / written.original).unlink()
         for name in set(names) - {written.root, *written.companions}:
@@ -313,9 +313,10 @@ def _cuts_of(files: Mapping[str, bytes]) -> dict[str, Any]:
     """Return the list of removed arrays in a carrier's files."""
     try:
         found = json.loads(files[CUTS])
-        if isinstance(found["root"], str) and all(isinstance(name, str) for name in found["companions"]):
+        names = (found["root"], *found["companions"], *found.get("fields", ()))
+        if all(isinstance(name, str) for name in names):
             return dict(found)
-    except (KeyError, TypeError, ValueError, RecursionError):
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError):
         pass
     raise damaged("the scene does not say what was cut out of it")
 
@@ -328,10 +329,10 @@ def _damage_named() -> Iterator[None]:
     except (
         LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, StopIteration, OSError
     ) as error:  # fmt: skip
-        reason = str(error)
-        # Libraries add lines about their source code.
-        is_plain = reason and not isinstance(error, RuntimeError) and "\n" not in reason
-        raise damaged(f"the scene is damaged ({reason if is_plain else type(error).__name__})") from error
+        # Other errors tell what the code did, not what the carrier has.
+        reason = str(error) if isinstance(error, (ValueError, OSError)) else ""
+        is_plain = reason and "\n" not in reason
+        raise damaged(f"the scene is damaged{f' ({reason})' if is_plain else ''}") from error
 
 
 @contextmanager

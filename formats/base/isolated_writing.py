@@ -55,7 +55,10 @@ def in_worker(
             match asked["what"]:
                 case "done":
                     root, original, companions = asked["names"]
-                    return root, original, companions, tuple(asked["notices"])
+                    # A process that was taken over can answer anything.
+                    if all(isinstance(one, str) for one in (root, original, *companions, *asked["notices"])):
+                        return root, original, companions, tuple(asked["notices"])
+                    raise TypeError("names are text")
                 case "progress":
                     values = None
                     if progress is not None:
@@ -65,7 +68,7 @@ def in_worker(
                 case _:
                     values = sources[asked["of"]].read_field(asked["name"], *asked["frames"])
             told = call_about_file(worker, place, _answer, values)
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise damaged("the scene is damaged (the process that wrote it gave no answer that makes sense)") from error
     finally:
         worker.end()

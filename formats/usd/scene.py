@@ -109,8 +109,10 @@ class UsdFamily:
             with open_fields(folder / cuts["root"], sequence, names) as fields, _layers_to_fill(folder) as layer_of:
                 for name, path, field, number, dtype, code, seconds, count in by_frame:
                     spec = layer_of(name).GetAttributeAtPath(path)
-                    rows = fields.at(field, number, code, seconds, count).astype(dtype)
                     shape = np.array(spec.layer.QueryTimeSample(spec.path, code)).shape
+                    if shape[:1] != (count,):  # before rows take memory
+                        raise damaged("the scene does not fit the meshes of the file")
+                    rows = fields.at(field, number, code, seconds, count, dtype)
                     spec.layer.SetTimeSample(spec.path, code, _typed(spec, rows.reshape(shape)))
         is_package = suffix.lower() == ".usdz"
         if is_package and "package" in cuts:

@@ -57,6 +57,8 @@ def _write(sequence: MeshSequence, original: ExodusSequence, source: Path, outpu
         original.variables.file_like(partial, None if steps is None else len(steps)) as new,
     ):
         first = sequence.read_frames(0, 1)[0]
+        if original.variables.is_cut:
+            original.variables.check_memory(original.variables)
         rest = original.rest.copy()
         nodes: Any = slice(None) if original.gather is None else original.gather
         if not original.moving or has_no_rest(original):

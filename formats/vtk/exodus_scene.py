@@ -56,6 +56,7 @@ class ExodusFamily:
         with tempfile.TemporaryDirectory(prefix="pdecodec-") as room:
             place = Path(room, ROOT)
             with original.variables.file_like(place, None, is_cut=True) as new:
+                original.variables.check_memory(name for name in original.variables if gone.get(name, ...) is not None)
                 for name in original.variables:
                     if name not in gone:
                         copy_values(original.variables[name], new[name])

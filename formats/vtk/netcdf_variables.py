@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from pdecodec.codec.source import chosen_limits
 from pdecodec.errors import InputError
-from pdecodec.formats.arrays.hdf5 import CHUNK_BYTES, linked_item, new_hdf5
+from pdecodec.formats.arrays.hdf5 import CHUNK_BYTES, check_stored, linked_item, new_hdf5
 from pdecodec.formats.vtk.netcdf_file import dimension_name
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.system.reading import FileScope, open_regular
@@ -71,6 +73,16 @@ class Variables(Mapping[str, Any]):
     def __len__(self) -> int:
         return len(self._held)
 
+    def check_memory(self, names: Iterable[str]) -> None:
+        """Raise InputError if the values of arrays take more memory than allowed; arrays never written take none.
+
+        A compressed file, or one in which only a part of each array was written, can be far smaller than its arrays.
+        """
+        stored = [one for one in map(self.__getitem__, names) if isinstance(one, h5py.Dataset)]
+        size = sum(math.prod(one.shape) * one.dtype.itemsize for one in stored if one.id.get_storage_size())
+        if size > (most := chosen_limits(None).max_memory):
+            raise InputError(f"its arrays take {size} bytes, and {most} are allowed", code="too-large")
+
     def close(self) -> None:
         self._opened = {}
         (self._held if self.classic is None else self.classic).close()
@@ -84,7 +96,7 @@ class Variables(Mapping[str, Any]):
         Raises
         ------
         InputError
-            If the file has groups, or arrays of no size.
+            If the file has groups, arrays of no size, or arrays whose values lie in files outside its folder.
         """
         if self.classic is not None:
             yield from self._classic_like(path, steps, is_cut=is_cut)
@@ -126,6 +138,8 @@ class Variables(Mapping[str, Any]):
         for name, one in old.items():
             if not isinstance(one, h5py.Dataset) or one.shape is None:
                 raise InputError(f"{name} is a group, or an array of no size", code="unsupported-feature")
+            if one.is_virtual or one.external is not None:
+                check_stored(one, self.scope)
         stepped = {name for name, one in old.items() if is_stepped(name, one)}
         scales = {name: [[scale.name.strip("/") for scale in axis.values()] for axis in old[name].dims] for name in old}
         # That of an unlimited dimension may have no rows.

@@ -317,6 +317,23 @@ def test_scenes_written_in_a_worker_are_the_same(tmp_path: Path, capsys: pytest.
     assert (tmp_path / name).read_bytes() == found[0][Path(name)]
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [{"what": "frames", "of": "velocities", "frames": [0, 1]}, {"what": "frames", "of": "sequence", "frames": ["a", 1]},
+     {"what": "done", "names": ["a", 5, []], "notices": []}, {"what": "done", "names": ["a", "b", [[]]], "notices": []},
+     {"what": "done", "names": ["a", "b", []], "notices": [1]}, {"what": "done"}, {"what": "other"}, []],
+)  # fmt: skip
+def test_a_worker_that_was_taken_over_is_not_trusted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: Any
+) -> None:
+    _, animation = carried(tmp_path, exodus_shot(tmp_path / "a.e"))
+    arrays = {"asked": np.frombuffer(json.dumps(answer).encode(), np.uint8)}
+    monkeypatch.setattr("pdecodec.system.workers.Worker.call", lambda *_: arrays)
+    notices = pdecodec.write_sequence(animation, tmp_path / "b.e", isolate=True)
+    assert "gave no answer that makes sense" in notices[0]
+    animation.close()
+
+
 @pytest.mark.data
 def test_a_scene_that_ends_a_library_ends_only_its_worker(
     tmp_path: Path, shared_data: Path, capsys: pytest.CaptureFixture[str]
@@ -340,6 +357,41 @@ def test_a_scene_that_ends_a_library_ends_only_its_worker(
     assert run(["decode", str(tmp_path / "b.pdeanim"), "-o", str(out / "b.abc"), "--isolate"]) == 0
     assert "left out: the library that reads this file crashed" in capsys.readouterr().err
     assert [one.name for one in out.iterdir()] == ["b.abc"]
+
+
+@pytest.mark.parametrize("text", [b"", b"program=a;_ai_Application=b", b"_ai_Application=a=b;=;"])
+def test_an_alembic_record_of_the_writer_comes_back_whatever_it_says(tmp_path: Path, text: bytes) -> None:
+    pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+    from pdecodec.formats.alembic.ogawa import read_info, replace_info
+
+    source = alembic_shot(tmp_path / "a.abc")
+    assert b"shot 12" in read_info(source)
+    replace_info(source, text)
+    _, animation = carried(tmp_path, source)
+    assert pdecodec.write_sequence(animation, tmp_path / "b.abc") == ()
+    assert read_info(tmp_path / "b.abc") == text
+    assert pdecodec.formats.write_onto(animation, source, tmp_path / "c.abc")
+    animation.close()
+
+
+@pytest.mark.parametrize(("member", "value"), [(4, 2**40), (4, -1), (4, None), (3, "O"), (3, "S99999999"), (3, 5)])
+@pytest.mark.parametrize("make", ["alembic", "usd"])
+def test_samples_of_a_hostile_scene_take_no_memory(tmp_path: Path, make: str, member: int, value: Any) -> None:
+    if make == "usd":
+        pytest.importorskip("pxr", reason="what USD needs is not installed here")
+        from tests.support.usd_stages import usd_shot
+
+        files, animation = carried(tmp_path, usd_shot(tmp_path / "in", "a.usda"))
+        member = {3: 4, 4: 7}[member]
+    else:
+        pytest.importorskip("alembic3d", reason="what Alembic needs is not installed here")
+        files, animation = carried(tmp_path, alembic_shot(tmp_path / "a.abc"))
+    cuts = json.loads(files["cuts"])
+    cuts["samples"][0][member] = value
+    path = tmp_path / "out" / ("a.usda" if make == "usd" else "a.abc")
+    path.parent.mkdir()
+    assert left_out(animation, make, {**files, "cuts": json.dumps(cuts).encode()}, path)
+    animation.close()
 
 
 def test_an_alembic_tree_that_leaves_its_file_is_refused() -> None:
@@ -447,15 +499,68 @@ def test_exodus_files_come_back_with_sets_and_inner_nodes(
     assert "it needs the field 'heat'" in capsys.readouterr().err
 
 
+def carried(tmp_path: Path, source: Path, **options: Any) -> tuple[dict[str, bytes], pdecodec.Animation]:
+    """Encode a file to ``a.pdeanim``; return the files in its carrier, and the animation."""
+    with pdecodec.open_sequence(source, **options) as read:
+        pdecodec.encode(read, tmp_path / "a.pdeanim")
+    animation = pdecodec.open(tmp_path / "a.pdeanim")
+    assert animation.carried is not None
+    return animation.carried.files(2**20), animation
+
+
+def left_out(animation: pdecodec.Animation, family: str, files: dict[str, bytes], path: Path) -> str:
+    """Write an animation with other files in its carrier; return why its scene is left out, or nothing."""
+    animation.carried = Carrier.of(family, [], [], files)
+    lines = [one for one in pdecodec.write_sequence(animation, path, overwrite=True) if "left out" in one]
+    assert [one.name for one in path.parent.iterdir()] == [path.name]
+    return "".join(lines)
+
+
+def test_an_exodus_file_without_steps_comes_back(tmp_path: Path) -> None:
+    source, out = tmp_path / "a.e", tmp_path / "b.e"
+    listed = {"name_nod_var": [f"displ_{axis}" for axis in "xyz"], "ns_names": ["rim"]}
+    write_exodus(source, {}, times=(), listed=listed)
+    with h5py.File(source, "a") as file:
+        for number in (1, 2, 3):
+            file.create_dataset(f"vals_nod_var{number}", (0, 4), "f8", maxshape=(None, 4), chunks=(1, 4))
+    report = pdecodec.encode(source, tmp_path / "a.pdeanim", tolerance=1e-3)
+    assert {"node set": 1, "nodal variable": 3}.items() <= dict(report.scene).items()
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        assert pdecodec.write_sequence(animation, out) == ()
+    (before, values), (after, again) = exodus_listing(source), exodus_listing(out)
+    assert after == before
+    assert all(key.startswith("coord") or np.array_equal(values[key], again[key]) for key in values)
+
+
+def test_a_hostile_exodus_scene_reads_no_other_file_and_keeps_the_limit_of_memory(tmp_path: Path) -> None:
+    files, animation = carried(tmp_path, exodus_shot(tmp_path / "a.e"))
+    secret, out = tmp_path / "secret.h5", tmp_path / "out"
+    out.mkdir()
+    with h5py.File(secret, "w") as file:
+        file["x"] = np.zeros(9)
+    for kind, reason in (("virtual", "outside"), ("raw data", "outside"), ("hardly written", "its arrays take")):
+        place = tmp_path / "b.e"
+        place.write_bytes(files["files/scene.exo"])
+        with h5py.File(place, "a") as file:
+            if kind == "virtual":
+                layout = h5py.VirtualLayout((9,), "f8")
+                layout[:] = h5py.VirtualSource(str(secret), "x", (9,))
+                file.create_virtual_dataset("extra", layout)
+            elif kind == "raw data":
+                file.create_dataset("extra", (9,), "f8", external=[(str(secret), 0, 72)])
+            else:
+                file.create_dataset("extra", (2, 2**40), "f8", chunks=(1, 8))[0, 0] = 1
+        said = left_out(animation, "exodus", {**files, "files/scene.exo": place.read_bytes()}, out / "c.e")
+        assert reason in said
+    animation.close()
+
+
 def test_cells_of_a_hostile_exodus_scene_are_written_to_no_other_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    source = exodus_shot(tmp_path / "a.e")
-    with pdecodec.open_sequence(source, solids="keep") as read:
-        pdecodec.encode(read, tmp_path / "a.pdeanim")
-    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
-        assert animation.carried is not None
-        files, clip = animation.carried.files(2**20), animation.to_array()
+    files, animation = carried(tmp_path, exodus_shot(tmp_path / "a.e"), solids="keep")
+    clip = animation.to_array()
+    animation.close()
     other = tmp_path / "other.h5"
     out = tmp_path / "out"
     out.mkdir()

@@ -213,6 +213,8 @@ def changed(data: Path, name: str, content: bytes | None) -> None:
         ("cuts", b"[" * 100_000),
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {}, "images": [], "arrays": [], "clip": 5}'),
         ("cuts", b'{"root": "../other.gltf", "companions": []}'),
+        ("cuts", b'{"root": "scene.gltf", "companions": [], "fields": 5}'),
+        ("cuts", b'{"root": "scene.gltf", "companions": [], "fields": [[]]}'),
         ("cuts", b'{"root": "scene.gltf", "companions": ["/etc/passwd"]}'),
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"../../x": 0}, "images": [], "arrays": []}'),
         ("cuts", b'{"root": "scene.gltf", "companions": [], "checks": {"0": 0}, "images": [], "arrays": []}'),
