@@ -71,6 +71,15 @@ class Mover {
   }
 }
 
+/** Return the corners of a primitive's triangles, by its glTF mode: list, strip or fan; null for points and lines. */
+function cornersOf(mesh, mode = 4) {
+  if (mode < 4) return null;
+  const order = mesh.isUnIndexed ? Array.from({ length: mesh.getTotalVertices() }, (_, k) => k) : mesh.getIndices();
+  if (mode === 4) return order;
+  const triangle = mode === 5 ? (k) => [k + (k % 2), k + 1 - (k % 2), k + 2] : (k) => [0, k + 1, k + 2];
+  return Array.from({ length: Math.max(order.length - 2, 0) }, (_, k) => triangle(k).map((at) => order[at])).flat();
+}
+
 class MeshMotionExtension {
   #primitives = [];
 
@@ -102,8 +111,9 @@ class MeshMotionExtension {
         const values = map && (await loader._loadIndicesAccessorAsync(`${context}/vertexMap`, map));
         const rows = rowsOf(animation, own, values, loaded.getTotalVertices());
         const [low, high] = [own.min, own.max].map((corner) => Vector3.FromArray(corner));
-        const normals = loaded.getVerticesData(VertexBuffer.NormalKind);
-        this.#primitives.push({ loaded, node, motion: own.motion, animation, rows, low, high, normals });
+        const index = cornersOf(loaded, primitive.mode);
+        const normals = index && loaded.getVerticesData(VertexBuffer.NormalKind);
+        this.#primitives.push({ loaded, node, motion: own.motion, animation, rows, low, high, index, normals });
       } catch (error) {
         console.error(`${EXTENSION}: ${context} stays still: ${error.message}`);
       }
@@ -116,8 +126,7 @@ class MeshMotionExtension {
     const keyOf = ({ node, motion }) => `${node.index} ${motion}`;
     for (const key of new Set(this.#primitives.map(keyOf))) {
       const shaded = this.#primitives.filter((primitive) => primitive.normals && keyOf(primitive) === key);
-      const triangles = shaded.map(({ loaded, rows, normals }) => ({ rows, normals, index: loaded.getIndices() }));
-      fansOf(triangles).forEach((fans, k) => (shaded[k].fans = fans));
+      fansOf(shaded).forEach((fans, k) => (shaded[k].fans = fans));
     }
     for (const { loaded, ...shape } of this.#primitives) new Mover(loaded, shape);
     this.motions.list.forEach((motion, index) => {

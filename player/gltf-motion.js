@@ -4,6 +4,9 @@ import { PdeAnimation } from "./pdeanim.js";
 
 export const EXTENSION = "PDECODEC_mesh_motion";
 
+/** Largest number of keys of a motion: the JSON may state any duration and frame rate. */
+const MAX_KEYS = 2 ** 16;
+
 /** Return the extension's object of a glTF object, or undefined. */
 export const extensionOf = (object) => object?.extensions?.[EXTENSION];
 
@@ -41,7 +44,8 @@ export class Motions {
    */
   keysOf(index) {
     const { startTime = 0, duration, frameRate } = this.list[index];
-    const steps = Math.max(Math.round(duration * (frameRate ?? 0)), 1);
+    const frames = Math.round(duration * (frameRate ?? 0));
+    const steps = frames >= 1 && frames <= MAX_KEYS ? frames : 1;
     const seconds = Array.from({ length: steps + 1 }, (_, k) => (duration * k) / steps);
     return { times: seconds.map((second) => startTime + second), seconds };
   }
@@ -61,12 +65,12 @@ export function rowsOf(animation, own, map, count) {
   if (map && map.length !== count) {
     throw new PdeanimError(`vertexMap has ${map.length} values for ${count} vertices`, "argument");
   }
-  const rows = Uint32Array.from({ length: count }, (_, k) => firstVertex + (map ? map[k] : k));
-  const beyond = rows.find((row) => row >= animation.vertexCount);
+  const rows = Array.from({ length: count }, (_, k) => firstVertex + (map ? map[k] : k));
+  const beyond = rows.find((row) => !(row >= 0 && row < animation.vertexCount));
   if (beyond !== undefined) {
     throw new PdeanimError(`vertex ${beyond} is not one of the motion's ${animation.vertexCount}`, "argument");
   }
-  return rows;
+  return Uint32Array.from(rows);
 }
 
 /**

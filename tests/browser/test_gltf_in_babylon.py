@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from spec.extension.make_example import PATH
 from tests.browser.test_gltf_in_three import MOVED, NAME, assert_close, points_at
+from tests.formats.test_gltf_mesh_motion import changed
 from tests.support.browser_tools import BROWSER, node_modules
 from tests.support.driven_browser import Browser, browsing
 from tests.support.remote_server import serving
@@ -35,8 +37,8 @@ const tick = async () => {
   await new Promise((next) => setTimeout(next, 5));
   scene.render();
 };
-const load = async () => {
-  const container = await LoadAssetContainerAsync("/example.glb", scene);
+const load = async (name = "example") => {
+  const container = await LoadAssetContainerAsync(`/${name}.glb`, scene);
   container.addAllToScene();
   for (const group of container.animationGroups) group.stop();
   return container;
@@ -50,6 +52,23 @@ Object.assign(globalThis, { scene, load, movedOf, pointsOf, tick, Ray, Vector3 }
 """
 
 
+def add_lines(root: dict[str, Any]) -> None:
+    """Add a primitive of lines with the flag's attributes, and state a duration of too many frames."""
+    primitives = root["meshes"][0]["primitives"]
+    corners = root["accessors"][primitives[0]["indices"]]
+    root["accessors"].append(corners | {"byteOffset": 2, "count": corners["count"] - 2})
+    primitives.append(primitives[0] | {"indices": len(root["accessors"]) - 1, "mode": 1})
+    root["extensions"][NAME]["motions"][0]["frameRate"] = 1e300
+
+
+def drop_indices(root: dict[str, Any]) -> None:
+    """Draw the flag's vertices, three by three."""
+    primitive = root["meshes"][0]["primitives"][0]
+    del primitive["indices"]
+    for index in (*primitive["attributes"].values(), primitive["extensions"][NAME]["vertexMap"]):
+        root["accessors"][index]["count"] -= root["accessors"][index]["count"] % 3
+
+
 @pytest.fixture(scope="module")
 def page(packed_player: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     for name in ("@babylonjs", "esbuild"):
@@ -61,6 +80,8 @@ def page(packed_player: Path, tmp_path_factory: pytest.TempPathFactory) -> Itera
     (folder / "main.js").write_text(MAIN)
     (folder / "index.html").write_text('<!doctype html><script type="module" src="built/main.js"></script>')
     shutil.copy(PATH, folder)
+    changed(folder / "lines.glb", add_lines)
+    changed(folder / "list.glb", drop_indices)
     shutil.copy(BROWSER / "bundle.mjs", folder)
     command = ["node", "bundle.mjs", "esbuild", str(node_modules())]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
@@ -101,6 +122,22 @@ def test_weights_blend_with_the_first_frame_and_rays_hit_the_moved_flag(page: Br
     near = moved[abs(moved[:, 0] - 0.9).argsort()[:8], 2]
     assert hits[0]
     assert near.min() - 1e-3 <= hits[1] <= near.max() + 1e-3
+
+
+def test_normals_are_those_of_triangles_alone_with_and_without_indices(page: Browser) -> None:
+    plain, beside_lines, unindexed = page.run(
+        "const found = []; for (const name of ['example', 'lines', 'list']) { const { meshes } = await load(name);"
+        " const [flag] = movedOf(meshes); flag.motionState.set(0.3, 1); await pointsOf(flag);"
+        " found.push([...flag.getVerticesData('normal')]); } return found"
+    )
+    assert_close(beside_lines, np.reshape(plain, (-1, 3)))
+    corners = points_at(0.3)[: len(unindexed) // 3].astype(np.float64).reshape(-1, 3, 3)
+    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    # Away from the seam, each vertex is in one triangle; at the seam, some triangles have no area.
+    lengths = np.linalg.norm(cross, axis=1)
+    alone = (cross / np.maximum(lengths, 1e-9)[:, None])[:, None]
+    differences = np.abs(np.reshape(unindexed, (-1, 3, 3)) - alone)[lengths > 1e-6].max(axis=(1, 2))
+    assert (differences <= 1e-4).sum() >= 6
 
 
 def test_copies_have_a_time_of_their_own(page: Browser) -> None:
