@@ -4,8 +4,11 @@ import { PdeAnimation } from "./pdeanim.js";
 
 export const EXTENSION = "PDECODEC_mesh_motion";
 
-/** Largest number of keys of a motion: the JSON may state any duration and frame rate. */
+/** Largest number of keys of a motion: the JSON may state any frame rate. */
 const MAX_KEYS = 2 ** 16;
+
+/** Largest difference between the stated duration and that of the file [s]. */
+const DURATION_SLACK = 1e-6;
 
 /** Return the extension's object of a glTF object, or undefined. */
 export const extensionOf = (object) => object?.extensions?.[EXTENSION];
@@ -33,9 +36,12 @@ export class Motions {
     const motion = this.list[index];
     if (!motion) throw new PdeanimError(`there is no motion ${index}`, "argument");
     const animation = await PdeAnimation.open(await this.readBufferView(motion.bufferView));
-    if (animation.runCount === 1) return animation;
+    const { start, end, runCount } = animation;
+    const isAsStated = Math.abs(end - start - motion.duration) <= DURATION_SLACK;
+    if (runCount === 1 && isAsStated) return animation;
     animation.close();
-    throw new PdeanimError(`the faces of motion ${index} change: it has ${animation.runCount} runs of frames`, "argument");
+    const fault = runCount > 1 ? "its faces change" : `it states ${motion.duration} s, and its file lasts ${end - start} s`;
+    throw new PdeanimError(`motion ${index}: ${fault}`, "argument");
   }
 
   /**

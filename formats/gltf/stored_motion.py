@@ -109,11 +109,13 @@ class StoredMotions:
             if len(coded.runs) > 1:
                 raise damaged(f"motion {index} has faces that change, which no mesh of glTF has; export the file again")
             span = float(coded.times[-1] - coded.times[0])
-            if not abs(span - entry.get("duration", span)) <= DURATION_SLACK:
+            stated = float(entry.get("duration", np.nan))
+            if not abs(span - stated) <= DURATION_SLACK:
                 raise damaged(
-                    f"motion {index} states {entry['duration']:g} s, and its .pdeanim file lasts {span:g} s; "
-                    "export the file again"
+                    f"motion {index} states {stated:g} s, and its .pdeanim file lasts {span:g} s; export the file again"
                 )
+            if entry.get("startTime", 0) < 0:
+                raise damaged(f"motion {index} starts at {entry['startTime']:g} s, before 0 s; export the file again")
             self._opened[index] = StoredMotion(entry, coded)
         return self._opened[index]
 

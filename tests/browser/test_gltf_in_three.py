@@ -85,6 +85,7 @@ def page(request: pytest.FixtureRequest, site: Path, tmp_path_factory: pytest.Te
     data = PATH.read_bytes()
     (served / "example.glb").write_bytes(data)
     (served / "broken.glb").write_bytes(data.replace(b'"vertexMap":3', b'"vertexMap":0'))  # three values a vertex
+    (served / "long.glb").write_bytes(data.replace(b'"duration":1', b'"duration":2'))
     with serving(served) as server, browsing(served.parent / "profile") as browser:
         browser.open(f"{server.address}/index.html")
         if request.param == "WebGPU" and not browser.run("return Boolean(await navigator.gpu?.requestAdapter())"):
@@ -212,11 +213,13 @@ def test_rays_and_boxes_find_the_moved_flag(page: Browser) -> None:
     assert (found[3], found[4]) == (MOVED["extensions"][NAME]["min"], MOVED["extensions"][NAME]["max"])
 
 
-def test_a_motion_that_cannot_be_read_leaves_the_mesh_still(page: Browser) -> None:
+@pytest.mark.parametrize("name", ["broken", "long"])
+def test_a_motion_that_cannot_be_read_leaves_the_mesh_still(page: Browser, name: str) -> None:
     found = page.run(
         "const said = []; const before = console.error; console.error = (text) => said.push(text);"
-        "const gltf = await load('broken.glb'); console.error = before;"
-        "return [said, movedOf(gltf.scene).length, gltf.animations[0].tracks.length]"
+        "const gltf = await load(`${arguments_[0]}.glb`); console.error = before;"
+        "return [said, movedOf(gltf.scene).length, gltf.animations[0].tracks.length]",
+        name,
     )
     assert len(found[0]) == 1
     assert "mesh 0 stays still" in found[0][0]

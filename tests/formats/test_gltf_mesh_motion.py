@@ -157,6 +157,8 @@ def _motion(root: dict[str, Any]) -> dict[str, Any]:
         (lambda root: _motion(root).pop("bufferView"), "names a buffer view or an animation that is missing"),
         (lambda root: _motion(root).update(animation=7), "names a buffer view or an animation that is missing"),
         (lambda root: _motion(root).update(duration=3), "motion 0 states 3 s"),
+        (lambda root: _motion(root).pop("duration"), "motion 0 states nan s"),
+        (lambda root: _motion(root).update(startTime=-1), "motion 0 starts at -1 s"),
         (lambda root: _motion(root).update(startTime=1e300), "is no number, or out of range"),
         (lambda root: root["extensions"].update({NAME: []}), "is no object"),
         (lambda root: root["bufferViews"][-1].update(byteLength=100), "motion 0: "),
