@@ -478,10 +478,17 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     yield "sections_in_another_order", seal(parts[::-1])
     scene = Carrier.of("gltf", [("camera", 2)], ["wood.png"], {"cuts": b"{}", "files/a/b.gltf": b"{}", "files/c": b""})
     yield "scene", seal([*parts, Part("SCEN", encode_scene(scene), 0)])
+    known = [*parts, Part("SCEN", encode_scene(scene)), Part("FLDS", b"\0"), Part("FDAT", b"")]
+    yield "known_sections_marked_as_required", seal(known, minor=1)
+    absent = [Part(kind, b"", 0) for kind in ("META", "ORDR", "SOLD", "ATTR", "FLDS", "SCEN")]
+    kept = [part for part in parts if part.kind not in ("META", "ORDR", "ATTR")]
+    yield "optional_sections_without_bytes", seal([*kept, *absent])
     yield "without_remarks", seal([part for part in parts if part.kind != "META"])
     # A file of runs may hold a single run.
     sequence_head, names = content(parts, "SEQN")[:-1], content(parts, "SEQN")[-1:]
     runs = run_of(parts, names, 24)
+    odd = [Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row())]
+    yield "runs_with_sections_without_bytes", seal([*odd, *(Part(kind, b"", 0) for kind in ("META", "SOLD", "SCEN"))])
     yield "file_of_one_run", seal([Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row())])
     # Without bytes, the functions of time are all zero: nothing moves, whatever the coefficients are.
     yield "functions_of_length_zero", seal(with_first_group(parts, "TIME", b""))

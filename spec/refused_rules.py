@@ -55,6 +55,8 @@ def _container(parts: list[Part]) -> Iterator[Refused]:
     unknown = Part("XYZW", b"?", 0x0F)
     yield Refused("unknown_required_of_a_minor_version", seal([*flagged, unknown], minor=9), "XYZW is required (2.2)")
     twice = 2 * [Part("XYZW", b"", 0)]
+    of_runs = [*parts, Part("RFLD", b"", 0)]
+    yield Refused("runs_of_fields_in_one_run", seal(of_runs), "RFLD in a file of one run (2.3)", section="FLDS")
     yield Refused("unknown_section_twice", seal([*parts, *twice]), "an ignorable section appears twice (2.3)")
 
 

@@ -75,7 +75,7 @@ struct SectionType {
     bool in_file, in_runs, in_groups;
 };
 
-inline constexpr std::array<SectionType, 18> section_types = {{{"META", true, false, false},
+inline constexpr std::array<SectionType, 19> section_types = {{{"META", true, false, false},
                                                                {"SEQN", true, false, false},
                                                                {"NAME", false, true, false},
                                                                {"CONN", true, true, false},
@@ -92,7 +92,8 @@ inline constexpr std::array<SectionType, 18> section_types = {{{"META", true, fa
                                                                {"FLDS", true, false, false},
                                                                {"FDAT", true, false, false},
                                                                {"RFLD", true, false, false},
-                                                               {"SOLD", true, false, false}}};
+                                                               {"SOLD", true, false, false},
+                                                               {"SCEN", true, false, false}}};
 
 // Return the section types for which a flag is set.
 template <std::size_t count> consteval std::array<SectionType, count> sections_where(bool SectionType::*is_so) {

@@ -109,6 +109,7 @@ void File::read_fields_of_runs() {
 // then the parts.
 void File::read_cells_of_runs() {
     const std::vector<u8> bytes = container_.read(of_cells);
+    if (bytes.empty()) return;  // as if it were missing
     FieldReader fields(bytes, "SOLD");
     std::vector<u64> counts;
     for (std::size_t run = 0; run < runs_.size(); ++run) counts.push_back(static_cast<u64>(fields.count()));

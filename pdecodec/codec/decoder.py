@@ -236,7 +236,7 @@ class Animation(MeshSequence):
     def carried(self) -> Carrier | None:  # type: ignore[override]  # read when it is first needed
         """The scene around the motion that the file carries, compressed, with its limit; None if there is none."""
         stored = next((one for one in self._core.sections if one.type == SCENE_SECTION), None)
-        if stored is None or self._run is not None:
+        if stored is None or stored.length == 0 or self._run is not None:
             return None
         from pdecodec.codec.sections.scene import decode_scene  # files without a scene open faster
 
@@ -547,7 +547,7 @@ class Animation(MeshSequence):
             "settings": remarks.get("settings", {}),
             "jumps": list(self.jumps),
             "fields": self.field_facts(),
-            **({"scene": self._scene_facts(sections[SCENE_SECTION])} if SCENE_SECTION in sections else {}),
+            **({"scene": self._scene_facts(sections[SCENE_SECTION])} if sections.get(SCENE_SECTION) else {}),
         }
 
     def _scene_facts(self, stored: int) -> dict[str, Any]:

@@ -12,6 +12,7 @@ IDENTIFIER = b"\x89PDEANIM\r\n\x1a\n"
 MAJOR_VERSION = 1
 NEEDED = ("SEQN", "CONN", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR")
 OPTIONAL = ("META", "ORDR", "SOLD", "ATTR", "FLDS", "SCEN")
+WITH_FIELDS = ("FDAT", "RFLD")
 OF_RUN = ("NAME", "CONN", "ORDR", "REST", "MODL", "GRUP", "TIME", "COEF", "CORR", "ATTR")
 OF_RUNS = ("SEQN", "RUNS", "RDAT")
 OF_GROUPS = ("TIME", "COEF", "CORR")
@@ -66,14 +67,17 @@ def read_container(data: bytes) -> dict[str, bytes]:
     sections: dict[str, bytes] = {}
     for kind, flags, length, checksum in rows:
         require(kind not in sections, f"section {kind} appears twice")
-        require(kind in NEEDED + OPTIONAL + OF_RUNS or not flags & 1, f"section {kind} is required and unknown")
+        require(
+            kind in NEEDED + OPTIONAL + WITH_FIELDS + OF_RUNS or not flags & 1,
+            f"section {kind} is required and unknown",
+        )
         sections[kind] = table.take(length)
         require(zlib.crc32(sections[kind]) == checksum, f"section {kind} is damaged")
     table.finish()
     has_runs = "RUNS" in sections
     for kind in OF_RUNS if has_runs else NEEDED:
         require(kind in sections, f"section {kind} is missing")
-    for kind in OF_RUN if has_runs else ("NAME", "RDAT"):
+    for kind in OF_RUN if has_runs else ("NAME", "RDAT", "RFLD"):
         require(kind not in sections, f"section {kind} is where it must not be")
     return dict.fromkeys(OPTIONAL, b"") | sections
 
