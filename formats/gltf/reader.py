@@ -151,6 +151,16 @@ class GltfSequence(SceneSequence):
         world = self._pose(start, stop).world(shape.node)
         return world if shape.instance is None else shape.instance @ world
 
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        step = min((self.motions.of(one).times_at_once for one in self._playing), default=stop)
+        if stop - start <= step:
+            return super().read_frames(start, stop)
+        # All meshes of a block of frames share the positions that a motion evaluates.
+        found = np.empty((stop - start, self.vertex_count, 3), np.float32)
+        for at in range(start, stop, step):
+            found[at - start :][:step] = super().read_frames(at, min(at + step, stop))
+        return found
+
     def _read(self, shape: _Part, start: int, stop: int, out: Float32Array) -> None:
         pose = self._pose(start, stop)
         weights = self.nodes.weights(shape.node, pose.times, shape.mesh.weights)
@@ -169,9 +179,10 @@ class GltfSequence(SceneSequence):
         """
         assert block.motion is not None
         assert block.numbers is not None
-        if block.motion not in self._playing:
-            times = np.broadcast_to(self.motions.of(block.motion).times[:1], times.shape)
-        return self.motions.positions(block.motion, times, block.numbers)
+        if block.motion in self._playing:
+            return self.motions.positions(block.motion, times, block.numbers)
+        rest = self.motions.positions(block.motion, self.motions.of(block.motion).times[:1], block.numbers)
+        return np.broadcast_to(rest, (times.size, *rest.shape[1:]))
 
 
 def _evaluate_block(block: Block, weights: Float64Array, skin: _Skin | None, pose: Pose) -> Float32Array:

@@ -57,17 +57,15 @@ class StoredMotion:
         nearest = np.where(is_nearer, before, after)
         is_frame = np.abs(self.times[nearest] - times) <= FLOAT32_ROUNDING * np.abs(times) + SAME_TIME
         exact = np.where(is_frame, self.coded.times[nearest], times + self.offset)
-        step = max(1, EVALUATED_BYTES // (12 * self.coded.vertex_count))
-        found = np.empty((times.size, numbers.size, 3), np.float32)
-        for start in range(0, times.size, step):
-            found[start : start + step] = self._every_vertex(exact[start : start + step])[:, numbers]
-        return found
+        # The meshes of a scene ask for the same times in turn.
+        if self._read is None or self._read[0] != exact.tobytes():
+            self._read = exact.tobytes(), self.coded.positions(exact)
+        return self._read[1][:, numbers]
 
-    def _every_vertex(self, times: Float64Array) -> Float32Array:
-        """Return all positions at times of the `.pdeanim` file; the meshes of a scene ask for the same ones in turn."""
-        if self._read is None or self._read[0] != times.tobytes():
-            self._read = times.tobytes(), self.coded.positions(times)
-        return self._read[1]
+    @property
+    def times_at_once(self) -> int:
+        """Number of times at which positions may be asked for at once."""
+        return max(1, EVALUATED_BYTES // (12 * self.coded.vertex_count))
 
 
 class StoredMotions:

@@ -23,6 +23,8 @@ from pdecodec import (
 )
 from pdecodec.codec.source import DecodeLimits, usual_limits
 from pdecodec.formats import write_sequence
+from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.mesh.arrays import Float32Array, Float64Array
 from pdecodec.mesh.metrics import frame_scale
 from pdecodec.mesh.sequence import MeshSequence
 from spec.decoder.gltf import root_of, shape_at
@@ -200,6 +202,25 @@ def test_times_of_nodes_and_of_the_motion_are_the_same_frames(tmp_path: Path) ->
     with open_sequence(path) as found:
         np.testing.assert_allclose(found.times, clip.times, rtol=0, atol=1e-9)
         assert largest_distance(found, clip) <= 1e-3 * frame_scale(clip.read_frames(0, 1)[0])
+
+
+def test_all_meshes_share_what_a_motion_evaluates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    clip, path, evaluated = CLIPS["several objects"](), tmp_path / "a.glb", 0
+    write_sequence(clip, path, motion=SETTINGS)
+    with open_sequence(path) as found:
+        assert isinstance(found, GltfSequence)
+        expected, motion = found.read_frames(0, found.frame_count), found.motions.of(0)
+        whole = motion.coded.positions
+        monkeypatch.setattr("pdecodec.formats.gltf.stored_motion.EVALUATED_BYTES", 24 * motion.coded.vertex_count)
+
+        def counted(times: Float64Array) -> Float32Array:
+            nonlocal evaluated
+            evaluated += times.size
+            return whole(times)
+
+        monkeypatch.setattr(motion.coded, "positions", counted)
+        assert np.array_equal(found.read_frames(0, found.frame_count), expected)
+        assert evaluated == found.frame_count
 
 
 def test_a_motion_is_chosen_by_its_duration_and_every_one_is_named(tmp_path: Path) -> None:
