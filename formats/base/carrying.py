@@ -327,7 +327,8 @@ def _damage_named() -> Iterator[None]:
     try:
         yield
     except (
-        LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, StopIteration, OSError
+        *(LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RuntimeError, StopIteration, OSError),
+        MemoryError,
     ) as error:  # fmt: skip
         # Other errors tell what the code did, not what the carrier has.
         reason = str(error) if isinstance(error, (ValueError, OSError)) else ""

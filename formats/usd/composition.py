@@ -33,11 +33,21 @@ SESSION = re.compile(r",@anon:[^@]*@")
 
 
 @contextmanager
-def stage_errors(path: Path) -> Iterator[None]:
-    """Turn USD's exceptions into an InputError about a file, and keep USD's warnings off the standard error."""
+def warnings_hidden() -> Iterator[None]:
+    """Keep USD's warnings off the standard error."""
     warnings = UsdUtils.CoalescingDiagnosticDelegate()
     try:
         yield
+    finally:
+        del warnings
+
+
+@contextmanager
+def stage_errors(path: Path) -> Iterator[None]:
+    """Turn USD's exceptions into an InputError about a file, and keep USD's warnings off the standard error."""
+    try:
+        with warnings_hidden():
+            yield
     except (Tf.ErrorException, UnicodeDecodeError) as error:
         try:
             lines = [line.strip() for line in str(error).splitlines() if line.strip()]
@@ -57,8 +67,6 @@ def stage_errors(path: Path) -> Iterator[None]:
         raise damaged(
             f"has attributes whose types contradict their USD schemas ({reason}); export it again", path=path
         ) from error
-    finally:
-        del warnings
 
 
 def check_rates(stage: Any) -> None:

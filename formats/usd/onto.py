@@ -23,6 +23,7 @@ from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.times import codes_of
 from pdecodec.formats.usd.attributes import NORMALS
 from pdecodec.formats.usd.attributes_writer import int_array
+from pdecodec.formats.usd.composition import warnings_hidden
 from pdecodec.formats.usd.implicit import Implicit
 from pdecodec.formats.usd.layers import check_package, usd_scope
 from pdecodec.formats.usd.metadata import SAMPLED
@@ -55,7 +56,7 @@ def write_usd_onto(
             names[found] = text
         return found
 
-    with stage_folder(output) as folder:
+    with warnings_hidden(), stage_folder(output) as folder:  # USD would warn of layers that are elsewhere
         file = layer_file(folder, path)
         if to_package and from_package:
             file = _unpacked(source, folder / "package")

@@ -46,6 +46,9 @@ _FEWEST = 4
 _REPLACED = {"points": "zeros", "normals": "nothing", "primvars:normals": "nothing", "extent": "gone"}
 """What replaces the values that the motion gives."""
 
+_SHAPING = ("points", COUNTS, INDICES, "curveVertexCounts")
+"""Attributes without which a prim is another shape."""
+
 _NOUNS = {"PointInstancer": "instance", "Camera": "camera", "Material": "material", "Skeleton": "skeleton"}
 
 
@@ -62,6 +65,8 @@ class UsdFamily:
         files, outside = _files_of(source, is_package=is_package)
         root = next(iter(files)) if is_package else source.name
         names = {layer: _name_of(layer, source, root, is_package=is_package) for layer in stage.GetUsedLayers()}
+        if outside:
+            _check_shapes_inside([shape.prim for shape in shapes], {layer for layer in names if names[layer] in files})
         arrays: list[list[Any]] = []
         samples: list[list[Any]] = []
         coded = {(number, one.place): name for name, number, one in fields.sources()}
@@ -187,6 +192,36 @@ def _name_of(layer: Any, source: Path, first: str, *, is_package: bool) -> str:
 def _name_in(folder: Path, place: Path) -> str:
     """Return the name of a file relative to a folder; empty if it is elsewhere."""
     return place.relative_to(folder).as_posix() if place.is_relative_to(folder) else ""
+
+
+def _check_shapes_inside(prims: Sequence[Any], layers: Collection[Any]) -> None:
+    """Raise InputError if other layers than those in `layers` define or place a prim: without them it would be lost,
+    or be written to another place.
+    """
+    checked = set[Any]()
+    for prim in prims:
+        above = prim
+        while above.GetPath() not in checked and not above.IsPseudoRoot():
+            checked.add(above.GetPath())
+            specs = above.GetPrimStack()
+            inside = [one for one in specs if one.layer in layers]
+            used = [
+                spec
+                for one in above.GetAuthoredAttributes()
+                if one.GetName() in _SHAPING or one.GetName().startswith("xformOp")
+                for spec in one.GetPropertyStack(Usd.TimeCode.Default())
+            ]
+            if (
+                all(one.specifier == Sdf.SpecifierOver for one in inside)
+                or (above.GetTypeName() and not any(one.typeName for one in inside))
+                or any(one.layer not in layers for one in used)
+            ):
+                names = {Path(one.layer.realPath).name: None for one in (*specs, *used) if one.layer not in layers}
+                message = (
+                    f"layers outside the folder of the stage define or place {above.GetPath()}: {listed(list(names))}"
+                )
+                raise InputError(f"{message}; move them into it", code="unsupported-feature")
+            above = above.GetParent()
 
 
 def _kept_specs(stage: Any, moved: set[Any]) -> set[tuple[str, Any]]:

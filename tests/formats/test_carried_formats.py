@@ -187,6 +187,54 @@ def test_a_stage_of_several_layers_comes_back(tmp_path: Path, name: str, out: st
         assert not companions or "(1, 0, 2)" not in (target.parent / "layers/motion.usda").read_text()
 
 
+@pytest.mark.parametrize(
+    ("outside", "over", "is_kept"),
+    [
+        ('over "A"\n{\ncustom float mass = 3\n}', 'def "A"', True),
+        ('over "A"\n{\ndouble3 xformOp:translate = (1, 2, 3)\n}', 'def "A"', False),
+        ('def Xform "A"\n{\n}', 'over "A"', False),
+        ('over "A"\n{\ndef Mesh "B"\n{\n}\n}', 'def "A"', False),
+        ('over "A"\n{\nover "B"\n{\nint[] faceVertexCounts = [3]\n}\n}', 'def "A"', False),
+    ],
+)
+def test_a_stage_keeps_its_scene_if_its_own_layers_define_and_place_its_shapes(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], outside: str, over: str, is_kept: bool
+) -> None:
+    pytest.importorskip("pxr", reason="what USD needs is not installed here")
+    source, file = tmp_path / "shot/a.usda", tmp_path / "a.pdeanim"
+    source.parent.mkdir()
+    (tmp_path / "layout.usda").write_text(f"#usda 1.0\n{outside}\n")
+    mesh = "over" if "Mesh" in outside else "def Mesh"
+    counts = "" if "Counts" in outside else "int[] faceVertexCounts = [3]"
+    source.write_text(f"""#usda 1.0
+(
+    subLayers = [@../layout.usda@]
+)
+def Camera "eye"
+{{
+}}
+{over}
+{{
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+    {mesh} "B"
+    {{
+        {counts}
+        int[] faceVertexIndices = [0, 1, 2]
+        point3f[] points.timeSamples = {{0: [(0, 0, 0), (1, 0, 0), (0, 1, 0)], 1: [(0, 0, 1), (1, 0, 0), (0, 1, 0)]}}
+    }}
+}}
+""")
+    assert run(["encode", str(source), "-o", str(file), "--assets", str(tmp_path)]) == 0
+    said = capfd.readouterr().err
+    assert ("layers outside the folder of the stage define or place /A" in said) != is_kept
+    out = tmp_path / "shot/b.usda"
+    assert run(["decode", str(file), "-o", str(out)]) == 0
+    said = capfd.readouterr().err
+    assert "left out" not in said
+    assert "Warning" not in said
+    assert ("@../layout.usda@" in out.read_text()) == is_kept
+
+
 ALEMBIC = (
     *(f"files/abc/{name}" for name in ("cortex_subdPlane", "dembones_tube", "destruction", "gn_flower", "hypercube")),
     *(f"files/abc/{name}" for name in ("openusd_testUsdAbcIsConstant", "openusd_testusdtimecode", "vellum_balloon")),
