@@ -39,10 +39,11 @@ test-all: test exactness races
 long: $(READY)
 	$(BIN)/python -m pytest -m long -n 0
 
-# Plug-ins in the programs that they are for, as far as those are installed for PLUGINS_PYTHON or in the path.
+# Plug-ins in the programs that they are for, as far as those are installed for PLUGINS_PYTHON or in the path. Another
+# PLUGINS_PYTHON than .venv's has pytest, hypothesis and this folder, installed with --editable.
 PLUGINS_PYTHON ?= $(BIN)/python
-test-plugins: $(INSTALLED)
-	PXR_PLUGINPATH_NAME=$(CURDIR)/build/usd $(PLUGINS_PYTHON) -m pytest -n 0 tests/plugins
+test-plugins: $(if $(filter $(BIN)/python,$(PLUGINS_PYTHON)),$(READY))
+	PXR_PLUGINPATH_NAME=$(CURDIR)/build/usd $(PLUGINS_PYTHON) -m pytest tests/plugins
 
 # The decoder under the sanitizers: misuse of the C interface, all vectors and MUTANTS damaged ones; with the system's
 # compiler alone.

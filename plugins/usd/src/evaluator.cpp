@@ -1,6 +1,7 @@
 #include "evaluator.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace pdeanim_usd {
@@ -171,21 +172,23 @@ VtValue Evaluator::value(const Series &series, double code) const {
 }
 
 template <class Made, class Make> std::shared_ptr<const Made> Evaluator::kept(const Key &key, const Make &make) const {
-    const auto has_key = [&](const Kept &one) { return one.key == key; };
     {
         const std::lock_guard guard(lock_);
-        if (const auto found = std::find_if(kept_.begin(), kept_.end(), has_key); found != kept_.end()) {
-            kept_.splice(kept_.begin(), kept_, found);
-            return std::static_pointer_cast<const Made>(found->data);
+        if (const auto found = places_.find(key); found != places_.end()) {
+            kept_.splice(kept_.begin(), kept_, found->second);
+            return std::static_pointer_cast<const Made>(found->second->data);
         }
     }
     const auto made = std::make_shared<const Made>(make());
-    const std::size_t bytes = made->size() * sizeof(typename Made::value_type);
+    const std::size_t bytes = sizeof(Kept) + made->size() * sizeof(typename Made::value_type);
     const std::lock_guard guard(lock_);
+    if (places_.contains(key)) return made;  // another thread has made it, too
     kept_.push_front({key, made, bytes});
+    places_[key] = kept_.begin();
     kept_bytes_ += bytes;
     while (kept_bytes_ > max_kept_ && kept_.size() > 1) {
         kept_bytes_ -= kept_.back().bytes;
+        places_.erase(kept_.back().key);
         kept_.pop_back();
     }
     return made;
@@ -193,7 +196,7 @@ template <class Made, class Make> std::shared_ptr<const Made> Evaluator::kept(co
 
 std::shared_ptr<const VtVec3fArray> Evaluator::vectors(Quantity quantity, const Run &run, int run_index, int object,
                                                        double time) const {
-    return kept<VtVec3fArray>({quantity, run_index, object, time}, [&] {
+    return kept<VtVec3fArray>({quantity, run_index, object, std::bit_cast<std::uint64_t>(time)}, [&] {
         VtVec3fArray found(run.shapes()[object].vertex_count);
         pdeanim_error error;
         if (!found.empty()) {
@@ -207,7 +210,7 @@ std::shared_ptr<const VtVec3fArray> Evaluator::vectors(Quantity quantity, const 
 
 std::shared_ptr<const std::vector<char>> Evaluator::field_rows(const Run &run, int run_index, const Field &field,
                                                                double time) const {
-    return kept<std::vector<char>>({Quantity::field, run_index, field.index, time}, [&] {
+    return kept<std::vector<char>>({Quantity::field, run_index, field.index, std::bit_cast<std::uint64_t>(time)}, [&] {
         std::vector<char> found(field.rows * field.columns * field.type.bytes);
         pdeanim_error error;
         check(pdeanim_evaluate_field(run.handle(), field.index, &time, 1, 0, found.data(), found.size(), &error),

@@ -54,7 +54,7 @@ public:
     VtValue value(const Series &series, double code) const;
 
 private:
-    using Key = std::tuple<Quantity, int, int, double>;  // with run, object or field, and time
+    using Key = std::tuple<Quantity, int, int, std::uint64_t>;  // with run, object or field, and the bits of the time
     struct Kept {
         Key key;
         std::shared_ptr<const void> data;
@@ -77,6 +77,7 @@ private:
     std::size_t max_kept_;
     mutable std::mutex lock_;
     mutable std::list<Kept> kept_;  // the value used last first
+    mutable std::map<Key, std::list<Kept>::iterator> places_;
     mutable std::size_t kept_bytes_ = 0;
 };
 
