@@ -279,7 +279,7 @@ def left_out(
     names = dict.fromkeys(one.name for item in sequence.objects for one in item.attributes if not held(item, one))
     keys = dict.fromkeys(key for key in sequence.metadata if key not in set(metadata))
     return tuple(
-        f"{title} cannot store {kind}:  {', '.join(lost)}"
+        f"{title} cannot store {kind}: {', '.join(lost)}"
         for kind, lost in (("attributes", names), ("metadata", keys))
         if lost
     )

@@ -383,7 +383,7 @@ def write_parameters(
             parameter = Parameter(one, "label", np.array(one.labels), rows)
         if (one.domain in ("face", "corner") and drawn.kind != "mesh") or not put(parameter):
             lost.append(one.name)
-    return [f"{title} cannot store attributes:  {', '.join(lost)}"] if lost else []
+    return [f"{title} cannot store attributes: {', '.join(lost)}"] if lost else []
 
 
 def _label_rows(attribute: Attribute) -> Int32Array | None:

@@ -201,7 +201,8 @@ class CodedFrames:
         if through:
             places = "; ".join(_nearest([begin + edge for edge in edges], begin + frame, times) for frame in through)
             raise SettingsError(
-                f"groups of frames cannot be cut in two: {places}; or code them again", path=self.file.path
+                f"groups of frames cannot be cut in two: {places}; cut between groups, or code their frames again",
+                path=self.file.path,
             )
 
     def pieces(self) -> Iterator[Coded]:

@@ -61,7 +61,7 @@ def test_the_output_is_named_once_and_what_it_cannot_hold_by_name(capsys: pytest
     assert run(["convert", "a.npz", "b.xdmf"]) == 0
     said = capsys.readouterr()
     assert said.out == ""
-    assert said.err.count("XDMF cannot store attributes:  uv, group, material, color") == 1
+    assert said.err.count("XDMF cannot store attributes: uv, group, material, color") == 1
 
 
 @pytest.mark.parametrize(

@@ -164,7 +164,7 @@ def test_attributes_whose_kind_changes_in_a_later_run_are_noted(tmp_path: Path) 
         ]
         notices = write_sequence(ChangingSequence(runs, metadata=SPACE), tmp_path / f"x.{extension}")
         title = {"abc": "Alembic", "usdc": "USD"}[extension]
-        assert notices == (f"{title} cannot store attributes:  heat",)
+        assert notices == (f"{title} cannot store attributes: heat",)
         with open_sequence(tmp_path / f"x.{extension}") as read:
             assert [[one.name for one in part.objects[0].attributes] for part in read.runs] == [["heat"], []]
 

@@ -182,7 +182,7 @@ def test_groups_that_alternate_too_often_are_left_out_to_keep_the_order_of_faces
 ) -> None:
     monkeypatch.setattr(exodus_blocks, "MAX_RUNS", 1)
     given = ArraySequence(np.zeros((1, 6, 3)), objects=[body("mesh", FACES * 2, (0, 1) * 3)], fps=24)
-    assert write_sequence(given, tmp_path / "x.e") == ("Exodus cannot store attributes:  group",)
+    assert write_sequence(given, tmp_path / "x.e") == ("Exodus cannot store attributes: group",)
     with open_sequence(tmp_path / "x.e") as read:
         assert read.connectivity.same_as(given.connectivity)
 
