@@ -259,10 +259,11 @@ def motion_options(command: Callable[..., None]) -> Callable[..., None]:
         if not motion and (tolerance is not None or max_error is not None):
             name = "--max-error" if tolerance is None else "--tolerance"
             raise SettingsError(f"{name} is for --motion or a .pdeanim OUT; leave it out")
-        if motion and options["rigid"]:
-            raise SettingsError(
-                "--rigid moves nodes, and --motion vertices; leave one out", code="conflicting-settings"
+        if motion and (options["rigid"] or options["straight"]):
+            told = (
+                "--rigid moves nodes, and --motion vertices" if options["rigid"] else "--motion has no --straight lines"
             )
+            raise SettingsError(f"{told}; leave one out", code="conflicting-settings")
         chosen = EncodeSettings(tolerance=tolerance, max_error=max_error, effort=effort) if motion else None  # type: ignore[arg-type]
         command(*arguments, motion=chosen, **options)
 

@@ -273,6 +273,10 @@ def test_messages_name_the_file_and_the_option_that_they_are_about(
     for option, value in (("--tolerance", "-1"), ("--max-error", "-1"), ("--rms", "-1"), ("--size", "0")):
         line = error_of(capsys, 2, "encode", source, "-o", tmp_path / "x.pdeanim", option, value)
         assert f"{option} must be a positive" in line
+    for option in ("--rigid", "--straight"):
+        line = error_of(capsys, 2, "convert", source, "-o", tmp_path / "x.glb", "--motion", option)
+        assert option in line
+        assert line.endswith("leave one out")
 
 
 def test_text_of_files_never_reaches_the_terminal_as_control_characters(tmp_path: Path, capsys: Capture) -> None:
