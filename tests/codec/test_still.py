@@ -88,6 +88,19 @@ def test_vertices_of_a_moving_object_stand_still_if_they_are_not_few(rows: int, 
         assert is_still(animation.read_frames(0, FRAMES))[:noted].all()
 
 
+def test_an_object_stands_still_that_is_tied_to_a_few_vertices_of_one_that_moves() -> None:
+    source = scene(2, mover=1)
+    points = source.points.copy()
+    points[:, SIZE:] = points[:1, SIZE:]
+    points[:, 0] = points[:, SIZE]
+    data = pdecodec.encode(ArraySequence(points, objects=source.objects, fps=24), tolerance=1e-2).data
+    assert data is not None
+    with pdecodec.open(data) as animation:
+        assert animation.info()["tied_vertices"]
+        assert animation.info()["still_vertices"] == 1 + SIZE
+        assert is_still(animation.read_frames(0, FRAMES))[SIZE:].all()
+
+
 def test_objects_that_stand_still_cost_nothing_per_frame() -> None:
     def size(objects: int, frames: int) -> int:
         report = pdecodec.encode(scene(objects, frames, mover=objects), max_error=0.003, group_frames=9)

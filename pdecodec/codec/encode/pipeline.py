@@ -376,7 +376,7 @@ class AutoEncoder(Encoder):
         self._ranges = self._group_ranges(self._plan.group_frames)
         points = self._read(*self._ranges[0])
         self._show_all(points, ties := TieFinder(points[0]), standing := StillFinder(points[0]))
-        self._ties, still = ties.ties, standing.still(self._sequence.objects)
+        self._ties, still = ties.ties, standing.still(self._sequence.objects, ties.ties)
         longer = self._group_ranges(self._plan.smooth_group_frames)
         with thread_ahead(self._size) as ahead:
             search = ModelSearch(
