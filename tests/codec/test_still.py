@@ -47,6 +47,7 @@ def farthest(animation: pdecodec.Animation, points: Float32Array) -> float:
         {"tolerance": 1e-2},
         {"tolerance": 1e-4, "effort": "fast"},
         {"tolerance": 1e-3, "group_frames": 4},
+        {"tolerance": 1e-2, "group_frames": 2},  # a group without functions, others in float32
         {"tolerance": 1e-3, "effort": "best"},
     ],
     ids=str,

@@ -50,7 +50,7 @@ template <class Real> AnchoredReference<Real>::AnchoredReference(const Patches &
     for (i64 e = 0; e < patches.count(); ++e) {
         if (selection && !selection->has_element(e)) continue;
         for (int axis = 0; axis < 3; ++axis) {
-            const double anchor = points[3 * patches.vertices(e)[0] + axis];
+            const double anchor = e < patches.moving ? points[3 * patches.vertices(e)[0] + axis] : 0.0;
             anchors[3 * e + axis] = anchor;
             Real *to = away.data() + starts[e] + axis * padded<Real>(patches.size(e));
             for (i64 at = patches.starts[e]; at < patches.starts[e + 1]; ++at) {

@@ -40,7 +40,8 @@ template <class Real> constexpr i64 padded(i64 vertices) {
 }
 
 // The reference frame, element by element, with the vertices of each element ascending. With a selection it has only
-// the selected elements.
+// the selected elements. Elements that stand still are relative to the origin: their positions are rounded once, so that
+// they are equal in groups of both precisions.
 template <class Real> struct AnchoredReference {
     // points: (vertices, 3) [scene units].
     AnchoredReference(const Patches &patches, std::span<const double> points,
@@ -49,8 +50,8 @@ template <class Real> struct AnchoredReference {
     // Place all vertices at the origin.
     explicit AnchoredReference(const Patches &patches, const SpaceSelection *selection = nullptr);
 
-    std::vector<double> anchors;  // (elements, 3): position of the first vertex of each element
-    AlignedArray<Real> away;      // (axes, padded vertices) of each element: positions relative to its first vertex
+    std::vector<double> anchors;  // (elements, 3): position of each moving element's first vertex, or 0
+    AlignedArray<Real> away;      // (axes, padded vertices) of each element: positions relative to its anchor
     std::vector<i64> starts;      // where each element starts in `away`
 };
 
