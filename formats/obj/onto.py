@@ -67,6 +67,7 @@ class _Template:
         self._places = vertex_slices(original.objects)
         self._moves = [(one.own, self._places[one.index]) for one in fits]
         self._folder, self._source = folder, text.path
+        self._end = b"\r\n" if b"\r\n" in text.data else b"\n"
         moved = np.zeros(len(self._rest), bool)
         for _, place in self._moves:
             moved[place] = True
@@ -103,7 +104,7 @@ class _Template:
                 corners, mark, comment = line.partition(b"#")
                 line = _CORNER.sub(partial(_with_normal, corner_rows), corners) + mark + comment
             elif found["library"]:
-                line = b"mtllib " + self._library(found["library"]) + b"\n"
+                line = b"mtllib " + self._library(found["library"]) + self._end
             elif found["time"]:
                 line = b""
             pieces.append(kept + line)
@@ -130,12 +131,13 @@ class _Template:
             return piece
         if piece is None:
             parts = zip(self._normals, self._places, strict=True)
-            return b"".join(normals_text(rows, whole[place]) for rows, place in parts if rows is not None)
+            lines = b"".join(normals_text(rows, whole[place]) for rows, place in parts if rows is not None)
+            return lines.replace(b"\n", self._end)
         first, rests = piece
         lines = rows_text(whole[first : first + len(rests)], "v")
         if not any(rests):
-            return lines
-        return b"".join(line + rest + b"\n" for line, rest in zip(lines.split(b"\n"), rests, strict=False))
+            return lines.replace(b"\n", self._end)
+        return b"".join(line + rest + self._end for line, rest in zip(lines.split(b"\n"), rests, strict=False))
 
 
 def _normals_of(objects: Sequence[MeshObject]) -> tuple[list[NormalRows | None], Iterator[int] | None]:

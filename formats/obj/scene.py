@@ -99,12 +99,19 @@ def _stripped(text: bytes, cut: set[str]) -> bytes:
             case b"vn" if "vn" in cut:
                 return word + b" 0 0 0"
             case b"vt" if "vt" in cut:
-                return word
+                return word + _comment(rest)
             case b"f" if "f" in cut:
-                return word + b" " + b"".join(map(_form, _CORNER.finditer(rest)))
+                numbers = rest.partition(b"#")[0]
+                return word + b" " + b"".join(map(_form, _CORNER.finditer(numbers))) + _comment(rest)
         return line[0]
 
     return _LINE.sub(bare, text)
+
+
+def _comment(rest: bytes) -> bytes:
+    """Return the comment at the end of a line, with the space before it."""
+    numbers, mark, comment = rest.partition(b"#")
+    return numbers[len(numbers.rstrip(b" \t")) :] + mark + comment if mark else b""
 
 
 def _form(corner: re.Match[bytes]) -> bytes:
@@ -114,7 +121,7 @@ def _form(corner: re.Match[bytes]) -> bytes:
 _TOKENS = {"v": " {0}", "t": " {0}/{1}", "n": " {0}//1", "b": " {0}/{1}/1"}
 """Text of a corner from its vertex and texture vertex. The numbers of normals follow when normals are written."""
 
-_BARE = re.compile(rb"^([ \t]*)(?:(vt)[ \t]*|f[ \t]+([vtnb]*))(?=\r?$)", re.MULTILINE)
+_BARE = re.compile(rb"^([ \t]*)(?:(vt)|f[ \t]+([vtnb]*))(?=[ \t]*(?:#|\r?$))", re.MULTILINE)
 """Pattern of a line whose numbers were removed."""
 
 

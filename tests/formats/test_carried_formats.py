@@ -714,6 +714,12 @@ def test_materials_and_statements_of_obj_files_come_back(
     before, after = (path.read_text().splitlines() for path in (folder / "a.0001.obj", out / "out.0001.obj"))
     kept = [line for line in before if not line.startswith(("v ", "vt ", "vn ", "f "))]
     assert [line for line in after if not line.startswith(("v ", "vt ", "vn ", "f ", "# time"))] == kept
+    comments = [
+        [line.partition("#")[2] for line in lines if "#" in line and "vn" not in line] for lines in (before, after[1:])
+    ]
+    assert comments[0] == comments[1]
+    written = (out / "out.0001.obj").read_bytes().partition(b"\n")[2]  # the first line is the comment with the time
+    assert written.count(b"\n") == written.count(end.encode())
     with pdecodec.open_sequence(folder) as old, pdecodec.open_sequence(out) as new:
         assert [one.name for one in new.objects] == [one.name for one in old.objects]
         for ours, theirs in zip(new.objects, old.objects, strict=True):
