@@ -21,7 +21,7 @@ template <class Real> struct Target {
     i64 frames;  // number of frames written
 
     PDEANIM_INLINE void pass(i64 points) {
-        columns.values += points;
+        if (columns.values) columns.values += points;  // null if there are no functions
         if (away) away += points;
         vertices += points;
         size -= points;
