@@ -208,7 +208,7 @@ def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
     for _ in range(count):
         kind, flags = ENTRY_HEAD.unpack(file.read(ENTRY_HEAD.size))
         length = int.from_bytes(file.read(flags >> LENGTH_WIDTH_SHIFT), "little")
-        found.append((kind.decode("ascii"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
+        found.append((kind.decode("latin-1"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
     ends = [*accumulate((length for _, length, _ in found), initial=file.tell())]
     return [
         (kind, StoredSection(offset, length, checksum))
@@ -224,7 +224,7 @@ def before_groups(head: bytes) -> int:
         return 0
     try:
         sections = dict(stored_sections(io.BytesIO(head)))
-    except (struct.error, UnicodeDecodeError):
+    except struct.error:
         return 0
     first = sections.get(CHUNK_SECTIONS[0])
     return first.offset if first else 0

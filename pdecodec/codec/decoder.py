@@ -5,7 +5,6 @@ The native core decodes (`core/decode/animation.hpp`); this module adds Python's
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cached_property
@@ -15,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.codec.container import BESIDE_MOTION, SCENE_SECTION, Section, container_pieces, stored_sections
+from pdecodec.codec.container import BESIDE_MOTION, SCENE_SECTION, SECTION_KINDS, Section, container_pieces
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
@@ -242,13 +241,7 @@ class Animation(MeshSequence):
 
         with self._naming_the_file():
             self._core.check_section(SCENE_SECTION)
-            file = self._source.file
-            if isinstance(file, bytes):
-                data = file[stored.offset : stored.offset + stored.length]
-            else:
-                file.seek(stored.offset)
-                data = file.read(stored.length)
-            return decode_scene(data)
+            return decode_scene(self._source.read(stored.offset, stored.length))
 
     @property
     def metadata(self) -> dict[str, str]:  # type: ignore[override]  # read when it is first needed
@@ -276,30 +269,21 @@ class Animation(MeshSequence):
         return _reopened, (type(self), source, self._limits, self._run)
 
     def motion_alone(self) -> bytes:
-        """Return a file of the same motion without remarks, attributes, fields and scene: positions stay the same.
+        """Return a file of the same motion without remarks, attributes, fields, scene and unknown sections.
+
+        Positions stay the same.
 
         Raises
         ------
         CorruptFileError
             If the file is damaged.
         """
-        file = self._source.file
-        stream = io.BytesIO(file) if isinstance(file, bytes) else file
         sections = []
-        for kind, stored in stored_sections(stream):
-            if kind in BESIDE_MOTION or kind in ("META", "ATTR"):
+        for stored in self._core.sections:
+            if stored.type not in SECTION_KINDS or stored.type in (*BESIDE_MOTION, "META", "ATTR"):
                 continue
-            stream.seek(stored.offset)
-            section = Section(kind, stream.read(stored.length))
-            if section.checksum != stored.checksum:
-                raise CorruptFileError(
-                    f"section {kind} is damaged; encode it again",
-                    code="section-checksum",
-                    path=self.path,
-                    section=kind,
-                    offset=stored.offset,
-                )
-            sections.append(section)
+            self.check_section(stored.type)
+            sections.append(Section(stored.type, self._source.read(stored.offset, stored.length)))
         return b"".join(container_pieces(sections))
 
     def read_frames(self, start: int, stop: int) -> Float32Array:

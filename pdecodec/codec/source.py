@@ -95,6 +95,13 @@ class Source(NamedTuple):
     name: str
     origin: str | None = None
 
+    def read(self, offset: int, length: int) -> bytes:
+        """Return the bytes at a place in the file."""
+        if isinstance(self.file, bytes):
+            return self.file[offset : offset + length]
+        self.file.seek(offset)
+        return self.file.read(length)
+
     def close(self) -> None:
         """Close the file, unless it is the caller's."""
         if self.origin is not None and not isinstance(self.file, bytes):

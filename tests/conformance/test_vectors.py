@@ -18,6 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdecodec import Animation, CorruptFileError, Field, LimitError, MeshSequence, open_animation
+from pdecodec.codec.editing import cut_animation
 from spec.decoder import animation as independent
 from spec.decoder.fieldchunks import HAS_KINDS, IS_TRANSFORMED
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
@@ -364,3 +365,14 @@ def test_the_table_of_rules_has_every_must_of_the_specification_and_every_refuse
                 refused.update(known if kind == "reject" and pattern != "*" else ())
     assert not without_row, [text[at - 60 : at + 60] for at in sorted(without_row)]
     assert set(MANIFEST["reject"]) == refused
+
+
+@pytest.mark.parametrize("name", ["flags_of_another_minor_version", "unknown_ignorable_sections"])
+def test_files_with_unknown_sections_are_cut_and_give_their_motion_alone(tmp_path: Path, name: str) -> None:
+    data = accepted_files()[name].read_bytes()
+    with open_animation(data) as whole, open_animation(whole.motion_alone()) as alone:
+        assert np.array_equal(alone.positions(whole.times), whole.positions(whole.times))
+        (tmp_path / "a.pdeanim").write_bytes(data)
+        cut_animation(tmp_path / "a.pdeanim", tmp_path / "b.pdeanim", 0, whole.frame_count)
+        with open_animation(tmp_path / "b.pdeanim") as part:
+            assert np.array_equal(part.positions(whole.times), whole.positions(whole.times))
