@@ -370,9 +370,9 @@ class _Scene(GltfScene):
             place: dict[str, Any] = {}
             thirds: Blocks | None = None
             turns, own = None, rigid.get(index)
-            is_skinned = own is not None and len(own.movers) > 1
+            skin = own if own is not None and len(own.movers) > 1 else None
             if own is not None:
-                turns, part = None if is_skinned else self._movers[own.movers[0]].keys, own.rest[None]
+                turns, part = None if skin else self._movers[own.movers[0]].keys, own.rest[None]
             else:
                 part = frames[:, places[id(item)]]
                 thirds = thirds_of.blocks(index)
@@ -398,19 +398,6 @@ class _Scene(GltfScene):
                 bind[3, :3] = lattice.offset
                 place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
                 coarsest = max(coarsest, lattice.error)
-            if own is not None and is_skinned:
-                mesh = write_mesh(
-                    builder,
-                    item,
-                    motion,
-                    rows,
-                    self._materials.index,
-                    lattice,
-                    own.joints,
-                    delivery=self._delivery,
-                )
-                self._skinned(item.name, {"mesh": mesh}, own, bind)
-                continue
             mesh = write_mesh(
                 builder,
                 item,
@@ -418,9 +405,13 @@ class _Scene(GltfScene):
                 rows,
                 self._materials.index,
                 lattice,
+                None if skin is None else skin.joints,
                 coded=coded,
                 delivery=self._delivery,
             )
+            if skin is not None:
+                self._skinned(item.name, {"mesh": mesh}, skin, bind)
+                continue
             node = self._node(item.name, {"mesh": mesh, **place})
             self._animate(node, motion, turns)
         noted = {key: text for key, text in sequence.metadata.items() if key != UP_AXIS}

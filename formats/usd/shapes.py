@@ -178,17 +178,7 @@ def open_mesh(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     if (fault := fault_of_faces(counts, indices)) is not None:
         scan.refusals.refuse(name, fault)
         return None
-    connectivity, order, mirrored = _facing_out(mesh, counts, indices, skinning, at)
-    extras = read_extras(
-        prim,
-        connectivity,
-        order,
-        scan.span(prim),
-        moves=_moves(mesh, skinning),
-        at=at,
-        skinning=skinning,
-        mirrored=mirrored,
-    )
+    _, extras = _read_surface(mesh, counts, indices, scan, skinning, at)
     scheme = SUBDIVISION_SCHEMES.get(str(mesh.GetSubdivisionSchemeAttr().Get()))
     if scheme is not None:
         extras.attributes.append(label_attribute(SUBDIVISION, scheme))
@@ -211,17 +201,8 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     if surface is None or not len(surface):
         surface = UsdGeom.TetMesh.ComputeSurfaceFaces(tets, Usd.TimeCode.EarliestTime() if at is None else at)
     indices = np.array(surface, np.int32).reshape(-1)
-    connectivity, order, mirrored = _facing_out(tets, np.full(indices.size // 3, 3, np.int32), indices, skinning, at)
-    extras = read_extras(
-        prim,
-        connectivity,
-        order,
-        scan.span(prim),
-        moves=_moves(tets, skinning),
-        at=at,
-        skinning=skinning,
-        mirrored=mirrored,
-    )
+    triangles = np.full(indices.size // 3, 3, np.int32)
+    connectivity, extras = _read_surface(tets, triangles, indices, scan, skinning, at)
     # Data of elements belong to the tetrahedra, not to their surface; only sets of faces are kept.
     inner = [
         one for one in extras.attributes if one.domain in ("face", "corner") and one.name not in _SURFACE_ATTRIBUTES
@@ -234,21 +215,31 @@ def open_tets(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) 
     return _shape(name, tets, connectivity, extras, scan, skinning=skinning)
 
 
-def _facing_out(
-    schema: Any, counts: Int32Array, indices: Int32Array, skinning: Skinning | None, at: float | None
-) -> tuple[Connectivity, Int64Array, bool]:
-    """Return the connectivity with left-handed faces reversed, the original corner of each corner, and whether the
-    skeleton mirrors the mesh.
-    """
+def _read_surface(
+    schema: Any, counts: Int32Array, indices: Int32Array, scan: ShapeScan, skinning: Skinning | None, at: float | None
+) -> tuple[Connectivity, Extras]:
+    """Return the connectivity with left-handed faces reversed, and everything else of the shape in that order."""
+    prim = schema.GetPrim()
     turned, mirrored = schema.GetOrientationAttr().Get() == UsdGeom.Tokens.leftHanded, False
     if skinning is not None and skinning.has_joints:
         # The mesh's own transform decides which side is outside; its points end up in the skeleton's space.
         cache = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
-        own, joints = (cache.GetLocalToWorldTransform(one) for one in (schema.GetPrim(), skinning.skeleton_prim))
+        own, joints = (cache.GetLocalToWorldTransform(one) for one in (prim, skinning.skeleton_prim))
         mirrored = mirrors([np.array(own * joints, np.float64)])
     order = reversed_corners(counts) if turned ^ mirrored else np.arange(indices.size)
     points = _points_alone(schema, at).vertex_count
-    return Connectivity(points, face_counts=counts, face_indices=indices[order]), order, mirrored
+    connectivity = Connectivity(points, face_counts=counts, face_indices=indices[order])
+    extras = read_extras(
+        prim,
+        connectivity,
+        order,
+        scan.span(prim),
+        moves=_moves(schema, skinning),
+        at=at,
+        skinning=skinning,
+        mirrored=mirrored,
+    )
+    return connectivity, extras
 
 
 def open_curves(prim: Any, name: str, scan: ShapeScan, skinning: Skinning | None) -> UsdShape | None:
