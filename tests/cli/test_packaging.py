@@ -32,15 +32,17 @@ def run_python(*arguments: str, cwd: Path = ROOT, path: Path = ROOT) -> subproce
     )
 
 
-def test_the_version_is_the_same_in_code_and_project() -> None:
-    import pdecodec
+def test_all_files_state_one_version_and_the_changelog_tells_what_is_in_it() -> None:
+    def printed(*tag: str) -> subprocess.CompletedProcess[str]:
+        return run_python("docs/make_release.py", *tag)
 
-    assert pdecodec.__version__ == PROJECT["project"]["version"]
-
-
-def test_the_changelog_has_a_dated_entry_for_this_version() -> None:
-    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert f"## [{PROJECT['project']['version']}] - 20" in text
+    version = PROJECT["project"]["version"]
+    same, other = printed(f"v{version}"), printed("v0.0.9")
+    assert same.returncode == 0, same.stderr
+    assert "### What you can do" in same.stdout
+    assert "## [" not in same.stdout
+    assert f"pyproject.toml states {version}, not 0.0.9" in other.stderr
+    assert other.stderr.count("\n") == 10, "one line for each file that states a version"
 
 
 @pytest.mark.parametrize("name", ["batch", "cli", "formats", "player", "report"])
