@@ -19,7 +19,7 @@ BUILD_TOOLS := 'scikit-build-core>=1.0' 'nanobind>=3' \
 INSTALLED := .venv/installed
 READY := .venv/ready
 
-.PHONY: demo test test-all test-plugins long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop blender-extension dist amalgamation docs vectors wasm clean
+.PHONY: demo test test-all test-plugins long browser lint types sanitize races fuzz fuzz-readers exactness bench growth bench-rd figures reproduce stability paper interop blender-extension dist amalgamation docs site vectors wasm clean
 
 demo: $(INSTALLED)
 	$(BIN)/pdecodec demo -o out
@@ -152,6 +152,11 @@ docs: $(INSTALLED)
 	$(BIN)/python docs/make_cli.py docs/cli.md
 	$(BIN)/python docs/make_formats.py docs/formats.md
 	$(BIN)/python docs/make_encoder.py docs/encoder.md
+
+# The documentation as a site; a warning of Sphinx, a broken link or a file of another host is an error.
+site: $(INSTALLED)
+	$(NEEDS) abc docs | $(PIP) --requirement /dev/stdin
+	$(BIN)/python docs/make_site.py build/site
 
 # The decoder as WebAssembly, for the player; the test of its sources says when.
 wasm: $(INSTALLED)

@@ -20,8 +20,11 @@ REPRODUCTION_CHARTS = (
 )
 STABILITY_CHARTS = ("fit-error", "alignment-straight", "simulation-iterations", "codec-between")
 
-TABLES = ("verdicts", "one-choice-at-a-time")
-"""Tables that are kept as Markdown; the verdicts are kept as CSV too."""
+TABLES = {
+    "verdicts": "The paper's claims, judged",
+    "one-choice-at-a-time": "The paper's errors, one choice at a time",
+}
+"""Titles of the tables that are kept as Markdown; the verdicts are kept as CSV too."""
 
 COLOURS = 64
 """Number of colours: charts have few, and the shades of meshes need few more."""
@@ -43,8 +46,9 @@ def keep(reproduction: Path, stability: Path, target: Path) -> None:
         for chart in charts:
             with Image.open(folder / f"{chart}.png") as picture:
                 picture.convert("RGB").quantize(COLOURS).save(target / f"{chart}.png", optimize=True)
-    for table in TABLES:
-        shutil.copyfile(reproduction / f"{table}.md", target / f"{table}.md")
+    for table, title in TABLES.items():
+        rows = (reproduction / f"{table}.md").read_text(encoding="utf-8")
+        (target / f"{table}.md").write_text(f"# {title}\n\n{rows}", encoding="utf-8")
     shutil.copyfile(reproduction / "verdicts.csv", target / "verdicts.csv")
     kept = {f"{chart}.png" for chart in (*REPRODUCTION_CHARTS, *STABILITY_CHARTS)}
     for picture in target.glob("*.png"):

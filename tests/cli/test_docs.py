@@ -9,6 +9,8 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ from pdecodec.cli.main import run as pdecodec_run
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 START_PAGE = (ROOT / "docs" / "README.md").read_text(encoding="utf-8")
+SITE = ["README.md", *chain(*tomllib.loads((ROOT / "docs/site/pages.toml").read_text(encoding="utf-8")).values())]
 ENCODER = (ROOT / "docs" / "encoder.md").read_text(encoding="utf-8")
 
 INSTALLED_ALREADY = "pip install"
@@ -61,18 +64,18 @@ def test_the_python_of_the_pages_runs(code: str, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
 
 
-def test_every_link_of_the_documents_leads_to_a_file() -> None:
-    for document in (
-        "README.md",
-        "CONTRIBUTING.md",
-        "CHANGELOG.md",
-        "docs/README.md",
-        "docs/glossary.md",
-        "docs/encoder.md",
-    ):
-        page = ROOT / document
-        for target in re.findall(r"\]\(([^)#]+)\)", page.read_text(encoding="utf-8")):
-            assert target.startswith("https://") or (page.parent / target).exists(), f"{document} links to {target}"
+def test_the_site_has_every_document_once() -> None:
+    folders = ("*.md", "docs/**/*.md", "spec/**/*.md", "player/*.md", "plugins/*/*.md", "examples/*/*.md")
+    documents = [path.relative_to(ROOT).as_posix() for folder in folders for path in ROOT.glob(folder)]
+    assert sorted(SITE) == sorted(documents), "list the page in docs/site/pages.toml"
+
+
+@pytest.mark.parametrize("document", SITE)
+def test_every_link_of_a_document_leads_to_a_file(document: str) -> None:
+    page = ROOT / document
+    text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r"\]\(([^)#]+)\)", text):
+        assert target.startswith("https://") or (page.parent / target).exists(), f"{document} links to {target}"
 
 
 def test_every_place_in_the_code_that_contributing_names_is_there() -> None:
