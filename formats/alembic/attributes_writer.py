@@ -26,11 +26,11 @@ from pdecodec.formats.base.attribute_roles import (
     GROUP,
     MATERIAL,
     UV,
-    expanded,
     face_sets,
     indexed_rows,
     is_by_vertex,
     is_role,
+    label_numbers,
     reversed_corners,
     source_name,
     unique_name,
@@ -179,7 +179,7 @@ class ExtrasWriter:
             kind = "String"
         elif is_role(attribute, GROUP) and domain == "face" and attribute.labels:
             kind, metadata[KIND_KEY] = "String", GROUP
-            rows = expanded(attribute)
+            rows = label_numbers(attribute)
             inside = (rows >= 0) & (rows < len(attribute.labels))
             values, indices = np.array([*attribute.labels, ""]), np.where(inside, rows, len(attribute.labels))
         if indices is not None and (indices < 0).any():

@@ -134,9 +134,10 @@ def field_source_name(field: Field, main_uv: str, main_color: str) -> str:
 def label_of(item: MeshObject, name: str) -> str | None:
     """Return the label that an object attribute holds."""
     found = next((one for one in item.attributes if one.name == name and one.domain == "object"), None)
-    if found is None or found.values.size != 1 or not 0 <= int(found.values.reshape(-1)[0]) < len(found.labels):
+    if found is None or found.values.size != 1 or (found.indices is not None and found.indices[0] < 0):
         return None
-    return found.labels[int(found.values.reshape(-1)[0])]
+    number = int(found.values.reshape(-1)[0])
+    return found.labels[number] if 0 <= number < len(found.labels) else None
 
 
 def label_attribute(name: str, label: str) -> Attribute:
@@ -172,7 +173,7 @@ def face_sets(item: MeshObject, name: str) -> list[tuple[str, Int32Array]]:
     for one in item.attributes:
         if one.domain != "face" or one.values.ndim != 1:
             continue
-        values = expanded(one)
+        values = label_numbers(one)
         if one.name == name and one.labels:
             found += [
                 (label, np.flatnonzero(values == number).astype(np.int32)) for number, label in enumerate(one.labels)
@@ -188,6 +189,12 @@ def expanded(attribute: Attribute) -> NDArray[Any]:
         return attribute.values
     padded = np.concatenate([attribute.values, np.zeros_like(attribute.values, shape=(1, *attribute.values.shape[1:]))])
     return padded[attribute.indices]
+
+
+def label_numbers(attribute: Attribute) -> Int64Array:
+    """Return the whole number of each element of the domain; -1, no label's number, for one without a value."""
+    values = expanded(attribute).astype(np.int64)
+    return values if attribute.indices is None else np.where(attribute.indices < 0, -1, values)
 
 
 def rows_or_nan(attribute: Attribute) -> NDArray[Any]:

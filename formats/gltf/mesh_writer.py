@@ -20,6 +20,7 @@ from pdecodec.formats.base.attribute_roles import (
     expanded,
     indexed_rows,
     is_role,
+    label_numbers,
     uv_sets,
 )
 from pdecodec.formats.base.normals import NormalRows, group_attribute, shared_attribute
@@ -294,7 +295,7 @@ class _MeshWriter:
             self.notes["materials"], self.notes["faceMaterials"] = list(labels), encode_integers(of_faces + 1)
         if groups := _groups_of(item):
             self.notes[GROUPS] = {
-                one.name: {"labels": list(one.labels), "faces": encode_integers(expanded(one).astype(np.int64) + 1)}
+                one.name: {"labels": list(one.labels), "faces": encode_integers(label_numbers(one) + 1)}
                 for one in groups
             }
         is_empty = True
@@ -399,8 +400,7 @@ def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], Int64Array]:
     """Return the names of materials, and the material of each face, -1 for none."""
     for one in item.attributes:
         if one.name == MATERIAL and one.domain == "face" and one.labels:
-            values = one.values if one.indices is None else one.values[one.indices]
-            return one.labels, values.astype(np.int64)
+            return one.labels, label_numbers(one)
     return (), np.full(item.connectivity.face_count, -1, np.int64)
 
 
@@ -409,7 +409,7 @@ def _parts(materials: Int64Array, groups: Sequence[Attribute], most: int) -> Ite
 
     If that makes more than `most` parts, only materials split the mesh.
     """
-    keys = np.column_stack([materials, *(expanded(one).astype(np.int64) for one in groups)])
+    keys = np.column_stack([materials, *map(label_numbers, groups)])
     found, members = np.unique(keys, axis=0, return_inverse=True)
     if len(found) > most:
         found, members = np.unique(keys[:, :1], axis=0, return_inverse=True)

@@ -139,6 +139,20 @@ def test_face_sets_of_other_programs_are_materials_in_every_scene_format(
         assert groups == ({label: sorted(members) for label, members in sets.items()} if overlap else {}), name
 
 
+@pytest.mark.parametrize("extension", ["abc", "glb", "usdc", "obj"])
+def test_a_face_without_a_label_is_in_no_set(extension: str, tmp_path: Path) -> None:
+    needed(extension)
+    sets = [
+        Attribute(name, "face", np.array([0, 1], np.int32), np.array([1, -1], np.int32), labels=("skin", "nail"))
+        for name in ("material", "group")
+    ]
+    path = tmp_path / f"x{'.####' if extension == 'obj' else ''}.{extension}"
+    with written(scene([body(attributes=sets)], frames=1), path) as read:
+        for name in ("material", "group"):
+            found = {label: members.tolist() for label, members in face_sets(read.objects[0], name) if members.size}
+            assert found == {"nail": [0]}, name
+
+
 def test_groups_are_kept_in_a_parameter_next_to_materials(tmp_path: Path) -> None:
     groups = [
         Attribute("group", "face", np.array([-1, 1], np.int32), labels=("none", "right/up")),

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 
+#include "text.hpp"
+
 namespace pdeanim_usd {
 
 namespace {
@@ -19,6 +21,15 @@ std::int64_t read_asset(void *user, std::uint64_t offset, void *into, std::size_
 }
 
 }  // namespace
+
+std::string decompressed(const void *data, std::size_t size, std::size_t length, const std::string &name) {
+    std::string text(length, '\0');
+    if (ZSTD_getFrameContentSize(data, size) != length ||
+        ZSTD_decompress(text.data(), text.size(), data, size) != length) {
+        throw Failure(name + " are damaged");
+    }
+    return text;
+}
 
 void check(pdeanim_status status, const pdeanim_error &error) {
     if (status != PDEANIM_OK) throw Failure(error.text);
@@ -73,14 +84,9 @@ std::map<std::string, std::string> Clip::metadata() const {
     if (!size) return {};
     const unsigned long long length = ZSTD_getFrameContentSize(data, size);
     if (length > max_remark_bytes) throw Failure("the remarks (section META) are damaged");
-    std::string text(length, '\0');
-    if (ZSTD_decompress(text.data(), text.size(), data, size) != length) {
-        throw Failure("the remarks (section META) are damaged");
-    }
+    const JsObject members =
+        json_object(decompressed(data, size, length, "the remarks (section META)"), "the remarks (section META)");
     std::map<std::string, std::string> found;
-    const JsValue remarks = JsParseString(text);
-    if (!remarks.IsObject()) throw Failure("the remarks (section META) are not a JSON object");
-    const JsObject &members = remarks.GetJsObject();
     const auto metadata = members.find("metadata");
     if (metadata == members.end() || !metadata->second.IsObject()) return found;
     for (const auto &[key, value] : metadata->second.GetJsObject()) {

@@ -24,6 +24,10 @@ struct Failure : std::runtime_error {
 // Raise Failure unless a function of the library succeeded.
 void check(pdeanim_status status, const pdeanim_error &error);
 
+// Return the content, of `length` bytes, of a stream that Zstandard compressed. Raise Failure, which calls it by a name, if
+// it is damaged.
+std::string decompressed(const void *data, std::size_t size, std::size_t length, const std::string &name);
+
 // The bytes of a file, which every animation opened from it reads.
 struct Source {
     std::shared_ptr<ArAsset> asset;

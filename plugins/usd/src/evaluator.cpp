@@ -4,6 +4,8 @@
 #include <bit>
 #include <cmath>
 
+#include "text.hpp"
+
 namespace pdeanim_usd {
 
 namespace {
@@ -80,8 +82,8 @@ Evaluator::Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t m
     fps_ = fps > 0 ? fps : clip_->frame_rate();
     rate_ = fps_;
     if (const auto found = metadata_.find("time_codes_per_second"); found != metadata_.end()) {
-        const double rate = std::strtod(found->second.c_str(), nullptr);
-        if (rate > 0 && std::isfinite(rate)) rate_ = rate;
+        rate_ = std::max(number_of(found->second).value_or(0), 0.0);
+        if (!rate_) rate_ = fps_;
     }
     for (const double time : sampled) samples_.push_back({time, code_of(time, rate_), clip_->run_at(time)});
     std::map<ShapeKey, int> numbers;

@@ -1,8 +1,8 @@
 // The file format plug-in: `.pdeanim` files as layers of OpenUSD.
 #include <cmath>
-#include <cstdlib>
 
 #include "stage.hpp"
+#include "text.hpp"
 
 using namespace PXR_NS;
 
@@ -13,19 +13,25 @@ namespace {
 
 using namespace pdeanim_usd;
 
-// Part of the cache for evaluated values; the rest is for decoded groups of frames.
-constexpr double share_of_values = 0.125;
+// Part of the cache for evaluated values, as a divisor; the rest is for decoded groups of frames.
+constexpr std::size_t share_of_values = 8;
+
+constexpr double bytes_per_mib = 1 << 20, most_mib = 1 << 30, most_fps = 1e9;
 
 // Return the number that an argument of the layer gives, or another if it does not.
-double number_argument(const SdfFileFormat::FileFormatArguments &arguments, const std::string &name, double otherwise) {
+double number_argument(const SdfFileFormat::FileFormatArguments &arguments, const std::string &name, double otherwise,
+                       double most) {
     const auto found = arguments.find(name);
     if (found == arguments.end()) return otherwise;
-    char *end;
-    const double number = std::strtod(found->second.c_str(), &end);
-    if (found->second.empty() || *end || !(number > 0) || !std::isfinite(number)) {
-        throw Failure("the argument '" + name + "' must be a positive number, not '" + found->second + "'");
-    }
-    return number;
+    const double number = number_of(found->second).value_or(0);
+    if (number >= 1 / most && number <= most) return number;
+    throw Failure(TfStringPrintf("the argument '%s' must be a number from %g to %g, not '%s'", name.c_str(), 1 / most,
+                                 most, found->second.c_str()));
+}
+
+std::size_t bytes_argument(const SdfFileFormat::FileFormatArguments &arguments, const std::string &name,
+                           double otherwise) {
+    return static_cast<std::size_t>(std::ceil(number_argument(arguments, name, otherwise, most_mib) * bytes_per_mib));
 }
 
 }  // namespace
@@ -46,11 +52,10 @@ public:
     bool Read(SdfLayer *layer, const std::string &path, bool metadata_only) const override {
         try {
             const FileFormatArguments &arguments = layer->GetFileFormatArguments();
-            const double fps = number_argument(arguments, "fps", 0);
-            const double cache = number_argument(arguments, "cache", TfGetEnvSetting(PDEANIM_USD_CACHE)) * (1 << 20);
-            const auto of_values = static_cast<std::size_t>(cache * share_of_values);
-            const auto memory = static_cast<std::size_t>(number_argument(arguments, "memory", 0) * (1 << 20));
-            const auto clip = std::make_shared<Clip>(path, memory, static_cast<std::size_t>(cache) - of_values);
+            const double fps = number_argument(arguments, "fps", 0, most_fps);
+            const auto cache = bytes_argument(arguments, "cache", std::max(TfGetEnvSetting(PDEANIM_USD_CACHE), 1));
+            const auto of_values = cache / share_of_values;
+            const auto clip = std::make_shared<Clip>(path, bytes_argument(arguments, "memory", 0), cache - of_values);
             const auto evaluator = std::make_shared<Evaluator>(clip, fps, of_values);
             SdfAbstractDataRefPtr data = layer_data_of(evaluator, metadata_only);
             _SetLayerData(layer, data);

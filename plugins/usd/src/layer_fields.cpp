@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
-#include <sstream>
+
+#include "text.hpp"
 
 namespace pdeanim_usd {
 
@@ -14,14 +15,19 @@ const std::map<std::string, double> units{{"mm", 0.001}, {"cm", 0.01},   {"dm", 
 // Seconds within which two times are the same.
 constexpr double same_time = 1e-6;
 
+// Return the numbers of a text of words; nothing for a word that is none.
+std::vector<std::optional<double>> numbers_of(const std::string &text) {
+    std::vector<std::optional<double>> found;
+    for (const std::string &word : TfStringTokenize(text)) found.push_back(number_of(word));
+    return found;
+}
+
 // Return the length of a unit [m], "cm" or "2.5 m"; 0 if the text is no unit.
 double metres_of(const std::string &text) {
     if (const auto found = units.find(text); found != units.end()) return found->second;
-    std::istringstream words(text);
-    double length;
-    std::string metre, rest;
-    const bool is_length = words >> length >> metre && metre == "m" && !(words >> rest);
-    return is_length && length > 0 && std::isfinite(length) ? length : 0;
+    const std::vector<std::string> words = TfStringTokenize(text);
+    const bool is_length = words.size() == 2 && words[1] == "m";
+    return is_length ? std::max(number_of(words[0]).value_or(0), 0.0) : 0;
 }
 
 }  // namespace
@@ -35,13 +41,12 @@ std::vector<std::pair<TfToken, VtValue>> layer_fields(const Evaluator &evaluator
     const double rate = evaluator.time_codes_per_second();
     double first = evaluator.samples().front().code, last = evaluator.samples().back().code;
     // A stage may be longer than its motion; the text ends with the times of the frames that it was written for.
-    std::istringstream range(text("time_range"));
-    double from, to, frames_from, frames_to;
-    if (range >> from >> to >> frames_from >> frames_to && from <= to &&
-        std::abs(frames_from - evaluator.samples().front().time) <= same_time &&
-        std::abs(frames_to - evaluator.samples().back().time) <= same_time) {
-        first = from * rate;
-        last = to * rate;
+    const auto range = numbers_of(text("time_range"));
+    const bool is_range = range.size() == 4 && std::all_of(range.begin(), range.end(), [](auto one) { return one; });
+    if (is_range && *range[0] <= *range[1] && std::abs(*range[2] - evaluator.samples().front().time) <= same_time &&
+        std::abs(*range[3] - evaluator.samples().back().time) <= same_time) {
+        first = *range[0] * rate;
+        last = *range[1] * rate;
     }
     std::vector<std::pair<TfToken, VtValue>> found{{SdfFieldKeys->StartTimeCode, VtValue(first)},
                                                    {SdfFieldKeys->EndTimeCode, VtValue(last)},

@@ -64,6 +64,7 @@ private:
     std::string label_of(const std::string &name) const {
         const pdeanim_attribute *found = find(name, PDEANIM_OF_OBJECT);
         if (!found || found->row_count * found->column_count != 1 || number_type(found->type).kind == 'f') return "";
+        if (found->index_count && found->indices[0] < 0) return "";
         const std::int32_t label = as_int32(found->values, 1, number_type(found->type))[0];
         return label >= 0 && label < found->label_count ? found->labels[label] : "";
     }
@@ -140,13 +141,13 @@ private:
         shape_.transform.assign(rows, rows + found->row_count * 17);
     }
 
-    // Return one whole number for each element of an attribute; 0 for an element without a value.
-    std::vector<std::int32_t> expanded(const pdeanim_attribute &one) const {
+    // Return one whole number for each element of an attribute; another one for an element without a value.
+    std::vector<std::int32_t> expanded(const pdeanim_attribute &one, std::int32_t missing = 0) const {
         std::vector<std::int32_t> values = as_int32(one.values, one.row_count, number_type(one.type));
         if (!one.index_count) return values;
         std::vector<std::int32_t> found(one.index_count);
         for (std::int64_t i = 0; i < one.index_count; ++i) {
-            found[i] = one.indices[i] < 0 ? 0 : values[one.indices[i]];
+            found[i] = one.indices[i] < 0 ? missing : values[one.indices[i]];
         }
         return found;
     }
@@ -202,7 +203,7 @@ private:
     }
 
     void add_sets(const pdeanim_attribute &one, const std::string &role) {
-        const std::vector<std::int32_t> values = expanded(one);
+        const std::vector<std::int32_t> values = expanded(one, -1);
         const auto members = [&](auto belongs) {
             VtIntArray found;
             for (std::size_t face = 0; face < values.size(); ++face) {

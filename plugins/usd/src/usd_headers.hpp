@@ -7,6 +7,7 @@
 #include <pxr/base/tf/diagnostic.h>
 #include <pxr/base/tf/envSetting.h>
 #include <pxr/base/tf/registryManager.h>
+#include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/vt/array.h>
 #include <pxr/base/vt/types.h>
 #include <pxr/base/vt/value.h>
@@ -30,6 +31,7 @@
 #include <pxr/tf/diagnostic.h>
 #include <pxr/tf/envSetting.h>
 #include <pxr/tf/registryManager.h>
+#include <pxr/tf/stringUtils.h>
 #include <pxr/vt/array.h>
 #include <pxr/vt/types.h>
 #include <pxr/vt/value.h>
