@@ -56,9 +56,8 @@ def compare(
     compared as well. The exit code is 1 if faces or counts differ, or if the error exceeds a limit given here.
     """
     from pdecodec.formats.base.choosing import InputOptions, open_clip, rate_to_assume
-    from pdecodec.formats.base.scene_space import bake_transforms
+    from pdecodec.formats.base.transforms import bake_transforms
     from pdecodec.mesh.rounding import rounding_noticed
-    from pdecodec.mesh.runs import changed
 
     for name, value in (("--tolerance", tolerance), ("--max-error", max_error)):
         if value is not None and not value >= 0:
@@ -70,7 +69,7 @@ def compare(
         other_frames = _at_times_of(first, second) if at_frames else second
         # Transforms that either sequence keeps separately are part of its vertex positions.
         with rounding_noticed() as rounding:
-            result = _compare(changed(first, bake_transforms), changed(other_frames, bake_transforms))
+            result = _compare(bake_transforms(first), bake_transforms(other_frames))
     if result["diagonal"] is not None:
         say_rounding(rounding.largest, result["diagonal"])
     failures = _failures(result, tolerance, max_error)

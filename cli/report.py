@@ -169,13 +169,13 @@ def report(
 def _opened(clips: Mapping[str, Path], fps: float | None) -> Iterator[tuple[str, ArraySequence | ChangingSequence]]:
     """Yield the clips one after the other, in memory unless their connectivity changes."""
     from pdecodec.formats.base.choosing import InputOptions, open_clip, rate_to_assume
-    from pdecodec.formats.base.scene_space import bake_transforms
-    from pdecodec.mesh.runs import ChangingSequence, changed
+    from pdecodec.formats.base.transforms import bake_transforms
+    from pdecodec.mesh.runs import ChangingSequence
 
     for name, path in clips.items():
         with open_clip(path, InputOptions(fps=rate_to_assume(path, fps))) as sequence:
             say_notices(sequence.notices)
-            baked = changed(sequence, bake_transforms)
+            baked = bake_transforms(sequence)
             if isinstance(baked, ChangingSequence):
                 yield name, baked
                 continue

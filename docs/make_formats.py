@@ -71,7 +71,7 @@ CONVENTIONS = """\
   too. For Alembic and glTF this is the default (`--no-rigid` turns it off). Between frames, glTF's nodes move straight
   and turn evenly, and a mesh of several such parts, each of connected faces, becomes a skin whose joints are the parts:
   1,309 frames of 34,159 vertices of a robot take 4.4 MB and no morph target. Formats without transforms get positions
-  with transforms applied, as `pdecodec.apply_transform` applies them at any time.
+  with transforms applied, and faces reversed where one mirrors. `pdecodec.bake_transforms` does so at any time.
 - **Alembic as programs show it**: each shape has a transform of its own right above it, by which programs name the
   object; one that was added for that does not show in names here. Colours of a mesh are of its vertices, or of its
   corners with a lookup, where programs know no others; those of faces and objects come back as what they were. Face

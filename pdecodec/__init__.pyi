@@ -28,6 +28,8 @@ from pdecodec.errors import PdecodecError as PdecodecError
 from pdecodec.errors import SettingsError as SettingsError
 from pdecodec.formats import open_sequence as open_sequence
 from pdecodec.formats import write_sequence as write_sequence
+from pdecodec.formats.base.transforms import apply_transform as apply_transform
+from pdecodec.formats.base.transforms import bake_transforms as bake_transforms
 from pdecodec.mesh.fields import Field as Field
 from pdecodec.mesh.runs import ChangingSequence as ChangingSequence
 from pdecodec.mesh.selection import FrameSelection as FrameSelection
@@ -37,6 +39,5 @@ from pdecodec.mesh.sequence import Attribute as Attribute
 from pdecodec.mesh.sequence import Connectivity as Connectivity
 from pdecodec.mesh.sequence import MeshObject as MeshObject
 from pdecodec.mesh.sequence import MeshSequence as MeshSequence
-from pdecodec.mesh.transforms import apply_transform as apply_transform
 
 __version__: str

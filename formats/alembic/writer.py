@@ -35,9 +35,10 @@ from pdecodec.formats.alembic.values import (
 from pdecodec.formats.base.attribute_roles import UV, direction_role, is_velocity, reversed_corners, uv_sets
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
-from pdecodec.formats.base.scene_space import matrices_at, place, transform_of, up_axis_of
+from pdecodec.formats.base.scene_space import place, up_axis_of
 from pdecodec.formats.base.scene_writing import ShapeKey, ShapeWriter, shape_keys, tree_paths, write_shapes
 from pdecodec.formats.base.times import regular_rate
+from pdecodec.formats.base.transforms import matrices_at, transform_of
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MAX_INDEX, Attribute, MeshObject, MeshSequence

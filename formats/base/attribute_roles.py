@@ -15,7 +15,7 @@
 ``subdivision``      object          one of `labels`: the scheme of a subdivision surface
 ``curve_basis``      object          one of `labels`: what the points of its lines control, ``cubic bspline``
 ``curve_wrap``       object          one of `labels`: ``periodic`` if lines close
-``transform``        object          see :mod:`pdecodec.formats.base.scene_space`
+``transform``        object          see :mod:`pdecodec.formats.base.transforms`
 ===================  ==============  ========================================================================
 
 If a format has one main UV set, it is called ``uv``; its other sets keep their names after a colon. The same holds

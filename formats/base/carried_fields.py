@@ -15,8 +15,8 @@ from pdecodec.errors import InputError
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.base.scene_reading import SceneSequence, ShapeField
-from pdecodec.formats.base.scene_space import transform_directions
 from pdecodec.formats.base.times import SAME_TIME
+from pdecodec.formats.base.transforms import transform_directions
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import MeshSequence

@@ -30,7 +30,7 @@ from pdecodec.formats.base.isolated_writing import in_worker
 from pdecodec.formats.base.onto import Fitted, match_objects, write_onto
 from pdecodec.formats.base.opening import open_sequence
 from pdecodec.formats.base.registry import Format, load
-from pdecodec.formats.base.scene_space import bake_transforms
+from pdecodec.formats.base.transforms import bake_transforms
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
 from pdecodec.system.whole_output import move_into, output_exists, partial_folder, publish, write_errors
 

@@ -24,8 +24,9 @@ from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.base.opening import misplaced, open_sequence
 from pdecodec.formats.base.registry import Output, format_to_read, format_to_write, list_formats, load
 from pdecodec.formats.base.scene_reading import listed
-from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, metres_per_unit, up_axis_of
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, up_axis_of
 from pdecodec.formats.base.times import times_kept
+from pdecodec.formats.base.transforms import bake_transforms
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progress
 from pdecodec.system.reading import asset_folders_allowed

@@ -28,10 +28,9 @@ from pdecodec.formats.base.registry import (
     titles_of,
     unknown_format,
 )
-from pdecodec.formats.base.scene_space import bake_transforms
 from pdecodec.formats.base.surface import surface_of
 from pdecodec.formats.base.times import times_kept
-from pdecodec.mesh.runs import changed
+from pdecodec.formats.base.transforms import bake_transforms
 from pdecodec.mesh.sequence import MeshSequence, Progress
 from pdecodec.system.arguments import as_number, as_path, as_positive, shown
 from pdecodec.system.reading import allowed_folders, asset_folders_allowed
@@ -89,7 +88,7 @@ def open_sequence(
         of the file as cells, with their data, and all nodes. Default: their surface alone.
     transforms : {"bake", "keep"}
         For formats with transforms above objects: apply them to the positions, or keep them as the attribute
-        ``transform`` (:mod:`pdecodec.formats.base.scene_space`). Other formats have none.
+        ``transform`` (:mod:`pdecodec.formats.base.transforms`). Other formats have none.
     skip_unsupported : bool
         Leave out objects that cannot be read, with a notice for each, instead of refusing the file.
     isolate : bool
@@ -348,7 +347,7 @@ def write_sequence(
         )
     told_of_cells: list[str] = []
     whole = sequence if entry.holds_cells else surface_of(sequence, told_of_cells)
-    placed = whole if entry.holds_transforms else changed(whole, bake_transforms)
+    placed = whole if entry.holds_transforms else bake_transforms(whole)
     rate = sequence.fps if fps is None else fps
     asked["looks_of"] = sequence if looks_of is None else looks_of
     output = Output(path=where, rate=rate, overwrite=overwrite, velocities=velocities, progress=progress, **asked)

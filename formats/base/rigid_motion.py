@@ -23,8 +23,9 @@ from pdecodec.formats.base.rigid_fit import (
     nearest_motion,
     rigid_matrices,
 )
-from pdecodec.formats.base.scene_space import DerivedSequence, transform_attribute, transform_of
+from pdecodec.formats.base.transforms import transform_attribute, transform_of
 from pdecodec.mesh.arrays import Float32Array, Float64Array
+from pdecodec.mesh.runs import DerivedSequence
 from pdecodec.mesh.sequence import MeshObject, MeshSequence, check_frame_range
 
 FIRST_GUESS_BOUNDS = 4.0
@@ -109,7 +110,7 @@ def rigid_notices(deviations: Iterable[float], between: float = 0.0) -> tuple[st
 
 def rigid_parts(sequence: MeshSequence, bound: float | None = None) -> tuple[MeshSequence, tuple[str, ...]]:
     """Return the sequence with rigidly moving meshes static under a transform
-    (:mod:`pdecodec.formats.base.scene_space`).
+    (:mod:`pdecodec.formats.base.transforms`).
 
     If no mesh moves rigidly, this is the given sequence. Finding such meshes reads all positions once more. A mesh
     that rotates has the middle of its bounding box at the origin, so that programs rotate it about this point

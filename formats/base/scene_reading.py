@@ -27,15 +27,15 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_meshes import runs_of_frames
-from pdecodec.formats.base.scene_space import (
+from pdecodec.formats.base.stored_normals import StoredNormals, read_normals, turned_notices
+from pdecodec.formats.base.times import SAME_TIME, Timing
+from pdecodec.formats.base.transforms import (
     apply_matrices,
     mirrors,
     reverse_faces,
     transform_attribute,
     transform_directions,
 )
-from pdecodec.formats.base.stored_normals import StoredNormals, read_normals, turned_notices
-from pdecodec.formats.base.times import SAME_TIME, Timing
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field, missing_value, rows_of_domain
 from pdecodec.mesh.sequence import (

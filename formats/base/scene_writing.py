@@ -36,7 +36,7 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.normals import NORMAL_GROUP, normal_rows
 from pdecodec.formats.base.registry import Output
-from pdecodec.formats.base.scene_space import TRANSFORM
+from pdecodec.formats.base.transforms import TRANSFORM
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence

@@ -22,7 +22,7 @@ from pdecodec.formats.base.normals import SHARED_NORMAL, NormalRows
 from pdecodec.formats.base.onto import Fitted, ShapePlacement
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_reading import listed
-from pdecodec.formats.base.scene_space import mirrors
+from pdecodec.formats.base.transforms import mirrors
 from pdecodec.formats.gltf.animation import Nodes, Pose
 from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO

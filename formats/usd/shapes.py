@@ -24,7 +24,7 @@ from pdecodec.formats.base.attribute_roles import (
 )
 from pdecodec.formats.base.normals import NORMAL_GROUP
 from pdecodec.formats.base.scene_reading import Extras, Refusals, SceneWalk, Shape, fault_of_faces
-from pdecodec.formats.base.scene_space import mirrors
+from pdecodec.formats.base.transforms import mirrors
 from pdecodec.formats.usd.attributes import read_directions, read_extras
 from pdecodec.formats.usd.implicit import read_implicit
 from pdecodec.formats.usd.instances import Instancer

@@ -22,7 +22,7 @@ from pdecodec.errors import Notice
 from pdecodec.formats.base.attribute_roles import direction_role, is_velocity
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.rigid_motion import rigid_parts
-from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, matrices_at, metres_per_unit, transform_of, up_axis_of
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, up_axis_of
 from pdecodec.formats.base.scene_writing import (
     ShapeKey,
     ShapeWriter,
@@ -33,6 +33,7 @@ from pdecodec.formats.base.scene_writing import (
     write_shapes,
 )
 from pdecodec.formats.base.times import codes_of
+from pdecodec.formats.base.transforms import matrices_at, transform_of
 from pdecodec.formats.usd.attributes import NORMALS
 from pdecodec.formats.usd.attributes_writer import ExtrasWriter, FieldsWriter, int_array
 from pdecodec.formats.usd.metadata import (

@@ -219,6 +219,22 @@ class DerivedRuns(ChangingSequence):
         self._source.close()
 
 
+class DerivedSequence(MeshSequence):
+    """Base of sequences that change another sequence."""
+
+    def __init__(self, source: MeshSequence) -> None:
+        self._source = source
+        self.objects = source.objects
+        self.times, self.fps = source.times, source.fps
+        self.metadata, self.notices, self.fields = source.metadata, source.notices, source.fields
+
+    def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
+        return self._source.read_field(field.name, start, stop)
+
+    def close(self) -> None:
+        self._source.close()
+
+
 def changed(sequence: MeshSequence, change: Callable[[MeshSequence], MeshSequence]) -> MeshSequence:
     """Apply a change that keeps frames and vertices to a sequence; to several runs one by one, on request."""
     return DerivedRuns(sequence, change) if isinstance(sequence, ChangingSequence) else change(sequence)

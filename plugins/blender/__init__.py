@@ -55,12 +55,10 @@ def import_clip(
         thing.matrix_world = Matrix(meshes.space_of(animation))
         if not clip.is_changing:
             meshes.fill(thing.data, item)
-            for field in meshes.fields_of(animation, number) if use_fields else ():
-                if field.name not in thing.data.attributes:
-                    thing.data.attributes.new(
-                        field.name, meshes.KINDS[field.components][0], meshes.DOMAINS[field.domain]
-                    )
+            if use_fields:
+                meshes.add_fields(thing.data, clip.placed, number)
         settings = thing.pdeanim
+        settings.use_fields = use_fields
         settings.object_name, settings.object_number = item.name, number
         # Set without its update, which shows a frame on every object.
         settings["filepath"] = bpy.path.relpath(path) if bpy.data.filepath else path
@@ -80,7 +78,7 @@ def import_clip(
 def _objects_of(clip: player.Clip) -> Iterator[tuple[int, pdecodec.MeshObject]]:
     """Yield the objects of a file with their numbers; if faces change, those of all runs, one of each name."""
     if not clip.is_changing:
-        yield from enumerate(clip.animation.objects)
+        yield from enumerate(clip.placed.objects)
         return
     named = {item.name: (number, item) for run in clip.animation.runs for number, item in enumerate(run.meshes)}
     yield from named.values()
@@ -100,7 +98,7 @@ def shown_clip(
     things: Sequence[bpy.types.Object],
     frames: Sequence[int],
     progress: Callable[[int], None] = lambda row: None,
-) -> pdecodec.ArraySequence:
+) -> pdecodec.MeshSequence:
     """Return what objects look like at whole frames of the scene, with their modifiers, in the scene's space.
 
     Raises
@@ -111,7 +109,8 @@ def shown_clip(
     scene, before = context.scene, context.scene.frame_current_final
     rate = scene.render.fps / scene.render.fps_base
     objects: list[pdecodec.MeshObject] = []
-    rows = []
+    rows: list[np.ndarray] = []
+    places: list[list[list[float]]] = [[] for _ in things]
     try:
         for frame in frames:
             scene.frame_set(frame)
@@ -128,10 +127,9 @@ def shown_clip(
                         f"{thing.name!r} has other vertices or faces at frame {frame} than at frame {frames[0]}; "
                         "export frames over which they stay the same"
                     )
-                points = np.zeros((len(mesh.vertices), 3), np.float32)
-                mesh.vertices.foreach_get("co", points.reshape(-1))
-                place = np.array(there.matrix_world)
-                here.append((points @ place[:3, :3].T + place[:3, 3]).astype(np.float32))
+                here.append(np.zeros((len(mesh.vertices), 3), np.float32))
+                mesh.vertices.foreach_get("co", here[-1].reshape(-1))
+                places[number].append([frame / rate, *np.array(there.matrix_world).T.ravel()])
                 there.to_mesh_clear()
             rows.append(np.concatenate(here))
             progress(len(rows))
@@ -139,7 +137,14 @@ def shown_clip(
         scene.frame_set(int(before // 1), subframe=before % 1)
     metadata = {"up_axis": "Z", "unit": f"{scene.unit_settings.scale_length:.9g} m"}
     times = np.array(frames) / rate
-    return pdecodec.ArraySequence(np.stack(rows), objects=objects, times=times, fps=rate, metadata=metadata)
+    # Transforms are applied by the library, which reverses the faces of objects that are mirrored.
+    own = [pdecodec.Attribute("transform", "object", np.array(one)) for one in places]
+    placed = [
+        pdecodec.MeshObject(item.name, item.connectivity, (*item.attributes, transform))
+        for item, transform in zip(objects, own, strict=True)
+    ]
+    clip = pdecodec.ArraySequence(np.stack(rows), objects=placed, times=times, fps=rate, metadata=metadata)
+    return pdecodec.bake_transforms(clip)
 
 
 def _names_of(scene: bpy.types.Scene, things: Sequence[bpy.types.Object]) -> list[str]:
@@ -188,6 +193,10 @@ class ImportAnimation(bpy.types.Operator, ImportHelper):
                 self.report({"ERROR"}, str(error))
                 return {"CANCELLED"}
             self.report({"INFO"}, f"{os.path.basename(path)}: {facts_of(found[0])}")
+            fields = player.clip_of(player.path_of(found[0])).animation.runs[0].fields
+            hidden = ", ".join(field.name for field in fields if not meshes.is_shown(field))
+            if self.use_fields and hidden:
+                self.report({"WARNING"}, f"{os.path.basename(path)}: meshes cannot show the fields {hidden}")
         return {"FINISHED"}
 
     def invoke(self, context, event):
@@ -264,6 +273,7 @@ class AnimationSettings(bpy.types.PropertyGroup):
         name="Speed", default=1, description="Seconds of the clip in one second of the scene", update=_changed
     )
     loop: BoolProperty(name="Loop", description="Repeat the clip before and after its frames", update=_changed)
+    use_fields: BoolProperty(default=True, description="Add the fields of meshes whose faces change")
 
 
 class AnimationPanel(bpy.types.Panel):

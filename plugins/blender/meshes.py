@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -24,6 +25,15 @@ KINDS = {1: ("FLOAT", "value"), 2: ("FLOAT2", "vector"), 3: ("FLOAT_VECTOR", "ve
 """Blender's type of an attribute, and the property that holds it, by the number of components."""
 
 DOMAINS = {"vertex": "POINT", "face": "FACE", "corner": "CORNER"}
+
+VELOCITY = "velocity"
+"""Attribute of a mesh from which renderers compute motion blur [units / s]."""
+
+FIELD_NAMES = "pdeanim_fields"
+"""Property of a mesh: the names of its fields' attributes by those of the fields, as JSON."""
+
+MAX_NAME_LENGTH = 60
+"""Characters of an attribute's name that every version of Blender keeps, so that a suffix still fits."""
 
 MAIN_NAMES = {"uv": "UVMap", "color": "Color"}
 """Names that Blender gives to the main UVs and colours."""
@@ -72,11 +82,12 @@ def _is_whole(rows: np.ndarray) -> bool:
 
 
 def expanded(attribute: pdecodec.Attribute) -> np.ndarray:
-    """Return one row for each element of an attribute's domain; zeros for an element without a value."""
+    """Return one row for each element of an attribute's domain; an element without a value has zeros, or label -1."""
     if attribute.indices is None:
         return attribute.values
-    values = attribute.values
-    return np.concatenate([values, np.zeros_like(values, shape=(1, *values.shape[1:]))])[attribute.indices]
+    values = attribute.values.astype(np.int64) if attribute.labels else attribute.values
+    missing = np.full_like(values, -1 if attribute.labels else 0, shape=(1, *values.shape[1:]))
+    return np.concatenate([values, missing])[attribute.indices]
 
 
 def write_values(mesh: bpy.types.Mesh, name: str, domain: str, values: np.ndarray) -> None:
@@ -125,7 +136,8 @@ def _add_materials(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribut
         if label not in mesh.materials:
             mesh.materials.append(bpy.data.materials.get(label) or bpy.data.materials.new(label))
     slots = np.array([mesh.materials.find(label) for label in labels])
-    numbers = np.where(values >= 0, slots[values], numbers)
+    is_known = (values >= 0) & (values < len(slots))
+    numbers = np.where(is_known, slots[np.where(is_known, values, 0)], numbers)
     mesh.polygons.foreach_set("material_index", np.broadcast_to(numbers, len(mesh.polygons)).astype(np.int32))
 
 
@@ -249,13 +261,37 @@ def has_faces(mesh: bpy.types.Mesh, whole: pdecodec.Connectivity) -> bool:
     )
 
 
-def fields_of(run: pdecodec.Animation, number: int) -> Iterator[pdecodec.Field]:
-    """Yield the fields of an object that a mesh can show."""
+def is_shown(field: pdecodec.Field) -> bool:
+    """Return whether a mesh can show a field."""
+    return field.domain in DOMAINS and field.components in KINDS
+
+
+def add_fields(mesh: bpy.types.Mesh, run: Any, number: int) -> None:
+    """Add an attribute for each field of an object; one whose name is taken, such as ``position``, is NAME_field."""
+    names = {}
     for field in run.fields:
-        is_of_object = field.objects is None or number in field.objects
-        # Blender keeps the vertices themselves in an attribute `position`.
-        if field.domain in DOMAINS and field.components in KINDS and is_of_object and field.name != "position":
-            yield field
+        if not is_shown(field) or not (field.objects is None or number in field.objects):
+            continue
+        name, kind = field.name[:MAX_NAME_LENGTH], KINDS[field.components][0]
+        while True:
+            # Blender renames what is taken, and adds nothing for a name that it needs for another type.
+            layer = None if name == VELOCITY else mesh.attributes.new(name, kind, DOMAINS[field.domain])
+            if layer is not None and layer.name == name:
+                break
+            if layer is not None:
+                mesh.attributes.remove(layer)
+            name += "_field"
+        names[field.name] = name
+    mesh[FIELD_NAMES] = json.dumps(names)
+
+
+def fields_in(mesh: bpy.types.Mesh, run: Any, number: int) -> Iterator[tuple[str, pdecodec.Field]]:
+    """Yield the attributes of a mesh that hold fields of an object, and the fields."""
+    names = json.loads(mesh.get(FIELD_NAMES, "{}"))
+    for field in run.fields:
+        name = names.get(field.name, field.name)
+        if is_shown(field) and name in mesh.attributes and (field.objects is None or number in field.objects):
+            yield name, field
 
 
 def space_of(animation: pdecodec.Animation) -> np.ndarray:

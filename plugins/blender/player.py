@@ -18,9 +18,6 @@ import pdecodec
 
 from . import meshes
 
-VELOCITY = "velocity"
-"""Attribute of a mesh from which renderers compute motion blur [units / s]."""
-
 POSITIONS, VELOCITIES = " positions", " velocities"
 """Names of values that are no field; no field's name begins with a space."""
 
@@ -29,29 +26,22 @@ RUN = "pdeanim_run"
 
 
 class Clip:
-    """An open file, with its values at the time last asked for, because all its objects ask for the same time."""
+    """An open file in the scene's space, with its values at the time last asked for, which all its objects ask for."""
 
     def __init__(self, path: str) -> None:
         self.animation = pdecodec.open(path)
-        self.is_changing = len(self.animation.runs) > 1
+        self.placed: Any = pdecodec.bake_transforms(self.animation)
+        self.is_changing = len(self.placed.runs) > 1
         self._starts: dict[int, list[int]] = {}
         self._values: dict[str, np.ndarray] = {}
         self._time = float("nan")
-
-    def run_number(self, time: float) -> int:
-        """Return the number of the run of frames, of one connectivity, that a time [s] belongs to."""
-        return self.animation.run_number_at(time) if self.is_changing else 0
-
-    def run_at(self, time: float) -> pdecodec.Animation:
-        """Return the run itself, which is the whole file if its faces do not change."""
-        return self.animation.runs[self.run_number(time)] if self.is_changing else self.animation
 
     def place_of(self, name: str, number: int, time: float) -> tuple[int, slice]:
         """Return an object's number at a time and its rows of vertices; -1 and no rows if there is none of its name.
 
         Several objects may have one name; `number` then says which of them.
         """
-        items, run = self.run_at(time).meshes, self.run_number(time)
+        items, run = self.placed.run_at(time).objects, self.placed.run_number_at(time)
         if not (number < len(items) and items[number].name == name):
             number = next((place for place, item in enumerate(items) if item.name == name), -1)
         if run not in self._starts:
@@ -64,7 +54,7 @@ class Clip:
         if time != self._time:
             self._values, self._time = {}, time
         if name not in self._values:
-            run = self.run_at(time)
+            run = self.placed.run_at(time)
             is_motion = name in (POSITIONS, VELOCITIES)
             self._values[name] = getattr(run, name.strip())(time) if is_motion else run.field(name, time)
         return self._values[name]
@@ -147,11 +137,13 @@ def show(thing: bpy.types.Object, settings: Any, scene: bpy.types.Scene) -> None
     """
     clip = clip_of(path_of(thing))
     time = time_of(settings, clip.animation, scene)
-    run, mesh = clip.run_at(time), thing.data
+    run, mesh = clip.placed.run_at(time), thing.data
     number, rows = clip.place_of(thing.pdeanim.object_name, thing.pdeanim.object_number, time)
-    if clip.is_changing and mesh.get(RUN) != clip.run_number(time):
+    if clip.is_changing and mesh.get(RUN) != clip.placed.run_number_at(time):
         meshes.fill(mesh, run.objects[number] if number >= 0 else None)
-        mesh[RUN] = clip.run_number(time)
+        if thing.pdeanim.use_fields:
+            meshes.add_fields(mesh, run, number)
+        mesh[RUN] = clip.placed.run_number_at(time)
     if rows.stop - rows.start != len(mesh.vertices):
         raise pdecodec.InputError(
             f"{path_of(thing)} has {rows.stop - rows.start} vertices in object {thing.pdeanim.object_name!r}, the mesh "
@@ -160,16 +152,13 @@ def show(thing: bpy.types.Object, settings: Any, scene: bpy.types.Scene) -> None
     if number < 0:
         return
     points, rates = clip.values(POSITIONS, time)[rows], None
-    if scene.render.use_motion_blur or VELOCITY in mesh.attributes:
+    if scene.render.use_motion_blur or meshes.VELOCITY in mesh.attributes:
         rates = clip.values(VELOCITIES, time)[rows]
-    points, rates = pdecodec.apply_transform(run.objects[number], time, points, rates)
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points).reshape(-1))
     if rates is not None:
-        meshes.write_values(mesh, VELOCITY, "vertex", rates * np.float32(settings.speed))
-    for field in meshes.fields_of(run, number):
-        if field.name in mesh.attributes:
-            values = run.field(field.name, time, object=number)
-            meshes.write_values(mesh, field.name, field.domain, values)
+        meshes.write_values(mesh, meshes.VELOCITY, "vertex", rates * np.float32(settings.speed))
+    for name, field in meshes.fields_in(mesh, run, number):
+        meshes.write_values(mesh, name, field.domain, run.field(field.name, time, object=number))
     mesh.update()
 
 

@@ -48,7 +48,7 @@ def read(filename: str | os.PathLike[str], time: float | None = None) -> Any:
     try:
         with pdecodec.open_animation(filename) as animation:
             at = float(animation.times[0] if time is None else time)
-            return _mesh(animation.run_at(at), at)
+            return _mesh(pdecodec.bake_transforms(animation.run_at(at)), at)
     except pdecodec.PdecodecError as error:
         raise meshio.ReadError(str(error)) from error
 
@@ -69,7 +69,8 @@ def _mesh(run: Any, time: float) -> Any:
     for first, last in pairwise(edges):
         name, kept = _kind(int(shapes[first]), int(counts[first]))
         cells.append((name, indices[starts[first] : ends[last - 1]].reshape(last - first, -1)[:, :kept]))
-    point_data, cell_data = {}, {}
+    point_data: dict[str, Any] = {}
+    cell_data: dict[str, Any] = {}
     if len(objects) > 1:
         point_data["object"] = np.repeat(np.arange(len(objects)), np.diff(shifts))
     for field in run.fields:
@@ -81,13 +82,11 @@ def _mesh(run: Any, time: float) -> Any:
         whole = np.full((sum(sizes), *values.shape[1:]), missing, values.dtype)
         for rows, start in zip(field.slices(objects), np.cumsum(sizes) - sizes, strict=True):
             whole[start : start + rows.stop - rows.start] = values[rows]
-        if field.domain == "vertex":
-            point_data[field.name] = whole
-        else:
-            cell_data[field.name] = np.split(whole, edges[1:-1])
-    own = np.split(run.positions(time), shifts[1:-1])
-    points = [pdecodec.apply_transform(item, time, rows)[0] for item, rows in zip(objects, own, strict=True)]
-    return meshio.Mesh(np.concatenate(points), cells, point_data, cell_data)
+        data, name = point_data if field.domain == "vertex" else cell_data, field.name
+        while name in data:
+            name += "_field"
+        data[name] = whole if field.domain == "vertex" else np.split(whole, edges[1:-1])
+    return meshio.Mesh(run.positions(time), cells, point_data, cell_data)
 
 
 def _kind(shape: int, nodes: int) -> tuple[str, int]:

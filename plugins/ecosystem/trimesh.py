@@ -21,7 +21,7 @@ def load(file_obj: BinaryIO, file_type: str | None = None, *, time: float | None
 
     The second object of one name is ``NAME_2``. Vertices keep their order; faces of more than three corners
     become fans of triangles, of which the face attribute ``face`` names the face. Objects without faces are clouds of
-    points. Fields on vertices and faces are vertex and face attributes.
+    points. Fields on vertices and faces are vertex and face attributes, those of clouds their metadata.
 
     Parameters
     ----------
@@ -39,33 +39,31 @@ def load(file_obj: BinaryIO, file_type: str | None = None, *, time: float | None
     """
     with pdecodec.open_animation(file_obj) as animation:
         at = float(animation.times[0] if time is None else time)
-        run = animation.run_at(at)
-        assert isinstance(run, pdecodec.Animation)
-        fields = {one.name: (one, run.field(one.name, at)) for one in run.fields if one.domain in ("vertex", "face")}
+        run: Any = pdecodec.bake_transforms(animation.run_at(at))
         positions, start, geometry, repeats = run.positions(at), 0, {}, Counter[str]()
+        fields = [(one, run.field(one.name, at)) for one in run.fields if one.domain in ("vertex", "face")]
         for index, item in enumerate(run.objects):
-            own = {
-                domain: {
-                    name: values[field.slices(run.objects)[index]]
-                    for name, (field, values) in fields.items()
-                    if field.domain == domain and field.row_counts(run.objects)[index]
-                }
-                for domain in ("vertex", "face")
-            }
-            points = pdecodec.apply_transform(item, at, positions[start : start + item.vertex_count])[0]
-            found: dict[str, Any] = {"vertices": points}
+            found: dict[str, Any] = {"vertices": positions[start : start + item.vertex_count]}
             start += item.vertex_count
+            triangles, faces = _fans(item.connectivity)
+            data: dict[str, Any] = {"vertex": {}, "face": {"face": faces}}
+            for field, values in fields:
+                own, name = values[field.slices(run.objects)[index]], field.name
+                while name in data[field.domain]:
+                    name += "_field"
+                if len(own):
+                    data[field.domain][name] = own[faces] if field.domain == "face" else own
             if item.connectivity.face_count:
-                triangles, faces = _fans(item.connectivity)
-                of_faces = {name: values[faces] for name, values in own["face"].items()}
-                found |= {"faces": triangles, "process": False, "vertex_attributes": own["vertex"]}
-                found["face_attributes"] = {"face": faces, **of_faces}
+                found |= {"faces": triangles, "process": False}
+                found |= {"vertex_attributes": data["vertex"], "face_attributes": data["face"]}
+            else:
+                found["metadata"] = data["vertex"]
             name = item.name
             while name in geometry:
                 repeats[item.name] += 1
                 name = f"{item.name}_{repeats[item.name] + 1}"
             geometry[name] = found
-        metadata = {"time": at, **animation.metadata}
+        metadata = {**animation.metadata, "time": at}
     nodes = [{"frame_to": name, "geometry": name} for name in geometry]
     return {"geometry": geometry, "graph": nodes, "metadata": metadata}
 

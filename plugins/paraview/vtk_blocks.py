@@ -11,7 +11,7 @@ from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
 from vtkmodules.vtkCommonCore import vtkPoints, vtkStringArray
 from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkUnstructuredGrid
 
-from pdecodec import Animation, Attribute, Connectivity, MeshObject, apply_transform
+from pdecodec import Animation, Attribute, Connectivity, MeshObject, bake_transforms
 
 CELL_TYPES: tuple[dict[int, int], ...] = (
     {1: 1}, {1: 1, 2: 3, 3: 21, 4: 35}, {}, {3: 5, 6: 22, 7: 34}, {4: 9, 8: 23, 9: 28}, {4: 10, 10: 24},
@@ -22,15 +22,15 @@ CELL_TYPES: tuple[dict[int, int], ...] = (
 TYPES_OF_ANY_SIZE = {0: 4, 2: 7}
 """VTK's types of polylines and polygons, by shape."""
 
-HIDDEN = ("normal_group", "shared_normal", "transform")
-"""Attributes that only say where edges are hard, or that positions have already."""
+HIDDEN = ("normal_group", "shared_normal")
+"""Attributes that only say where edges are hard."""
 
 VELOCITY = "velocity"
 """Name of the point data with the derivative of the positions [scene units / s]."""
 
 
 class RunBlocks:
-    """The objects of one run of frames as data sets.
+    """The objects of one run of frames as data sets, in the space of the scene.
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ class RunBlocks:
     """
 
     def __init__(self, run: Animation) -> None:
-        self.run = run
+        self.run, self._placed = run, bake_transforms(run)
         self.names = [item.name for item in run.objects]
-        self._constant = [_constant_data(item) for item in run.objects]
+        self._constant = [_constant_data(item) for item in self._placed.objects]
 
     def at(
         self, time: float, fields: Collection[str], *, velocity: bool = False, owned: slice = slice(None)
@@ -63,26 +63,23 @@ class RunBlocks:
         owned : slice
             Which objects to return.
         """
-        objects = self.run.objects
-        positions = self.run.positions(time)
-        velocities = self.run.velocities(time) if velocity else None
-        values = {one.name: (one, self.run.field(one.name, time)) for one in self.run.fields if one.name in fields}
-        ends = np.cumsum([item.vertex_count for item in objects]).tolist()
-        for index in range(len(objects))[owned]:
-            rows = slice(ends[index] - objects[index].vertex_count, ends[index])
+        run = self._placed
+        positions, rates = run.positions(time), run.velocities(time) if velocity else None
+        values = [(one, run.field(one.name, time)) for one in run.fields if one.name in fields]
+        ends = np.cumsum([item.vertex_count for item in run.objects]).tolist()
+        for index, item in [*enumerate(run.objects)][owned]:
+            rows, mesh = slice(ends[index] - item.vertex_count, ends[index]), item.connectivity
             data = self._constant[index].NewInstance()
             data.ShallowCopy(self._constant[index])
-            own_rates = None if velocities is None else velocities[rows]
-            placed, rates = apply_transform(objects[index], time, positions[rows], own_rates)
             points = vtkPoints()
-            points.SetData(numpy_to_vtk(placed))
+            points.SetData(numpy_to_vtk(positions[rows]))
             data.SetPoints(points)
             if rates is not None:
-                _add(data, objects[index].connectivity, "vertex", VELOCITY, rates)
-            for name, (field, found) in values.items():
-                own = found[field.slices(objects)[index]]
+                _add(data, mesh, "vertex", VELOCITY, rates[rows], suffix="derivative")
+            for field, found in values:
+                own = found[field.slices(run.objects)[index]]
                 if len(own):
-                    _add(data, objects[index].connectivity, field.domain, name, own)
+                    _add(data, mesh, field.domain, field.name, own)
             yield index, data
 
 
@@ -141,10 +138,12 @@ def _cell_array(counts: NDArray[Any], indices: NDArray[Any]) -> Any:
 
 def _add_attribute(data: Any, mesh: Connectivity, attribute: Attribute) -> None:
     values, domain = attribute.values, str(attribute.domain)
+    if attribute.labels:  # -1 is no label
+        values = values.astype(np.int32)
+    missing = -1 if attribute.labels else np.nan if values.dtype.kind == "f" else 0
     if attribute.indices is not None:
-        missing = attribute.indices < 0
-        values = values[attribute.indices] if len(values) else np.zeros((missing.size, *values.shape[1:]), values.dtype)
-        values[missing] = np.nan if values.dtype.kind == "f" else 0
+        nothing = np.full((1, *values.shape[1:]), missing, values.dtype)
+        values = np.concatenate([values, nothing])[attribute.indices]
     if domain == "corner":
         first = np.zeros(mesh.vertex_count, np.int64)
         first[mesh.face_indices] = np.arange(mesh.face_indices.size)
@@ -152,29 +151,35 @@ def _add_attribute(data: Any, mesh: Connectivity, attribute: Attribute) -> None:
         if not len(values) or not np.array_equal(of_vertices[mesh.face_indices], values, equal_nan=True):
             return  # VTK has no values of corners
         values, domain = of_vertices, "vertex"
-    if attribute.labels:
+    array = _add(data, mesh, domain, attribute.name, values, missing=missing, suffix=str(attribute.domain))
+    if array is not None and attribute.labels:
         labels = vtkStringArray()
-        labels.SetName(f"{attribute.name} labels")
+        labels.SetName(f"{array.GetName()} labels")
         for label in attribute.labels:
             labels.InsertNextValue(label)
         data.GetFieldData().AddArray(labels)
-    array = _add(data, mesh, domain, attribute.name, values)
     if attribute.name == "uv" and domain == "vertex":
         data.GetPointData().SetTCoords(array)
 
 
-def _add(data: Any, mesh: Connectivity, domain: str, name: str, values: NDArray[Any]) -> Any:
+def _add(
+    data: Any, mesh: Connectivity, domain: str, name: str, values: NDArray[Any], *,
+    missing: float | None = None, suffix: str = "field",
+) -> Any:  # fmt: skip
     """Add values to the data of points, of cells or of the whole object, and return their array.
 
-    Values on corners, and on faces of an object with cells, have no place in VTK.
+    Values on corners, and on faces of an object with cells, have no place in VTK. An array whose name is taken is
+    ``NAME_`` and a suffix.
     """
     if domain == "corner" or (domain == "face" and mesh.cell_count):
         return None
     if domain == "face" and mesh.line_count:  # lines come before faces
-        missing = np.nan if values.dtype.kind == "f" else 0
+        missing = (np.nan if values.dtype.kind == "f" else 0) if missing is None else missing
         values = np.concatenate([np.full((mesh.line_count, *values.shape[1:]), missing, values.dtype), values])
     array = numpy_to_vtk(np.ascontiguousarray(values.view(np.uint8) if values.dtype == bool else values))
-    array.SetName(name)
     place = {"vertex": data.GetPointData, "object": data.GetFieldData}.get(domain, data.GetCellData)()
+    while place.HasArray(name):
+        name += f"_{suffix}"
+    array.SetName(name)
     place.AddArray(array)
     return array

@@ -13,7 +13,8 @@ from plyfile import PlyData, PlyElement
 from pdecodec import ArraySequence, encode
 from pdecodec.cli.main import run
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute
+from pdecodec.formats.base.scene_space import place
+from pdecodec.formats.base.transforms import bake_transforms, transform_attribute
 from pdecodec.mesh.rounding import rounding_noticed, to_float32
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import Connectivity, MeshObject

@@ -18,7 +18,8 @@ from pdecodec.formats.alembic.values import matrix_of
 from pdecodec.formats.base.attribute_roles import reversed_corners
 from pdecodec.formats.base.isolated import IsolatedSequence
 from pdecodec.formats.base.rigid_fit import RIGID_TOLERANCE
-from pdecodec.formats.base.scene_space import DifferencedVelocities, bake_transforms, place, transform_attribute
+from pdecodec.formats.base.scene_space import DifferencedVelocities, place
+from pdecodec.formats.base.transforms import bake_transforms, transform_attribute
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.selection import FrameSelection

@@ -13,7 +13,7 @@ import pytest
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.alembic.values import to_numpy
 from pdecodec.formats.base.attribute_roles import expanded, face_sets, reversed_corners
-from pdecodec.formats.base.scene_space import bake_transforms, transform_attribute
+from pdecodec.formats.base.transforms import bake_transforms, transform_attribute
 from pdecodec.mesh.sequence import Attribute, MeshObject
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import assert_has_attributes, body, needed, scene, turning, written

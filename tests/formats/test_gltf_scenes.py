@@ -11,7 +11,7 @@ import pytest
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.base.scene_space import bake_transforms
+from pdecodec.formats.base.transforms import bake_transforms
 from pdecodec.mesh.sequence import Connectivity
 from tests.support.browser_tools import assert_valid
 from tests.support.gltf_files import TRIANGLE, Scene, lifted, targets_of, triangle

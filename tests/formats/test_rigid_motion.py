@@ -16,7 +16,8 @@ from pdecodec.errors import SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.rigid_fit import rigid_matrices
 from pdecodec.formats.base.rigid_motion import rigid_parts
-from pdecodec.formats.base.scene_space import bake_transforms, transform_of, velocities_of
+from pdecodec.formats.base.scene_space import velocities_of
+from pdecodec.formats.base.transforms import bake_transforms, transform_of
 from pdecodec.formats.gltf.file import read_gltf
 from pdecodec.formats.gltf.motion import EXACT_RELATIVE_ERROR
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject

@@ -14,7 +14,8 @@ from pdecodec import ArraySequence, ChangingSequence, Field, MeshObject, MeshSeq
 from pdecodec.codec.coded_order import CodedOrderSequence
 from pdecodec.formats.base.attribute_roles import direction_role, reversed_corners
 from pdecodec.formats.base.scene_reading import ShapeField
-from pdecodec.formats.base.scene_space import bake_transforms, place, transform_attribute, transform_directions
+from pdecodec.formats.base.scene_space import place
+from pdecodec.formats.base.transforms import bake_transforms, transform_attribute, transform_directions
 from pdecodec.mesh import fields
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import needed
@@ -167,6 +168,23 @@ def test_transforms_above_shapes_turn_directions(extension: str, tmp_path: Path)
     for transforms, expected in (("keep", clip), ("bake", baked)):
         with open_sequence(tmp_path / f"x.{extension}", transforms=transforms) as read:
             assert_same(read, expected, 1e-6)
+
+
+def test_a_baked_animation_is_in_the_scene_at_any_time(tmp_path: Path) -> None:
+    clip = clip_of(DIRECTIONS, MIRRORED * (1 + np.arange(FRAMES)[:, None, None]))
+    pdecodec.encode(clip, tmp_path / "a.pdeanim", tolerance=1e-6)
+    with pdecodec.open(tmp_path / "a.pdeanim") as animation:
+        baked, expected = bake_transforms(animation), bake_transforms(animation.to_array())
+        assert baked.connectivity.same_as(expected.connectivity)
+        for frame, time in enumerate(animation.times):
+            np.testing.assert_allclose(baked.positions(time), expected.read_frames(frame, frame + 1)[0], rtol=1e-6)
+            for one in animation.fields:
+                values = expected.read_field(one.name, frame, frame + 1)[0]
+                np.testing.assert_allclose(baked.field(one.name, time), values, rtol=1e-6)
+                own = one.slices(animation.objects)[1]
+                np.testing.assert_array_equal(baked.field(one.name, time, object=1), values[own])
+        before, after = baked.positions(0.06 - 1e-4), baked.positions(0.06 + 1e-4)
+        np.testing.assert_allclose(baked.velocities(0.06), (after - before) / 2e-4, rtol=2e-2, atol=0.5)
 
 
 @pytest.mark.parametrize("reading", ["bake", "place", "coded order", "select", "write", "read"])

@@ -9,16 +9,8 @@ import pytest
 
 from pdecodec.errors import InputError, SettingsError
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.base.scene_space import (
-    TRANSFORM,
-    DifferencedVelocities,
-    bake_transforms,
-    matrices_at,
-    metres_per_unit,
-    place,
-    transform_attribute,
-    unit_text,
-)
+from pdecodec.formats.base.scene_space import DifferencedVelocities, metres_per_unit, place, unit_text
+from pdecodec.formats.base.transforms import TRANSFORM, bake_transforms, matrices_at, transform_attribute
 from pdecodec.mesh.sequence import ArraySequence, Attribute, Connectivity, MeshObject
 from tests.support.mesh_cases import connectivity_of
 from tests.support.scene_cases import OUTWARD, TETRAHEDRON, body, needed, scene, volume, written

@@ -10,7 +10,7 @@ import pytest
 
 from pdecodec import ArraySequence, InputError, encode
 from pdecodec.formats import open_sequence, write_sequence
-from pdecodec.formats.base.scene_space import transform_attribute
+from pdecodec.formats.base.transforms import transform_attribute
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
 
 pytest.importorskip("pxr", reason="OpenUSD is not installed here (pip install 'pdecodec[usd]')")

@@ -19,7 +19,8 @@ import pytest
 from pdecodec.errors import PdecodecError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.attribute_roles import MATERIAL, face_sets, uv_sets
-from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, bake_transforms, place
+from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, place
+from pdecodec.formats.base.transforms import bake_transforms
 from pdecodec.mesh.selection import FrameSelection
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence
 from tests.interop.comparing import Expected, difference, expected_of

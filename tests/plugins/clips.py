@@ -45,20 +45,35 @@ def changing() -> ChangingSequence:
 
 
 def kept_apart() -> ArraySequence:
-    """Return two objects of one name, of which the second has a transform of its own, and fields of awkward names."""
-    frames, times = 5, np.arange(5) / 24
-    points = np.random.default_rng(1).normal(size=(1, 6, 3)) + np.sin(times)[:, None, None]
-    matrices = np.tile(np.diag([2.0, 2, 2, 1]), (frames, 1, 1))
+    """Return two objects of one name, of which the second has a transform that mirrors, materials without and with a
+    missing one, and fields whose names are taken.
+    """
+    frames, times, random = 5, np.arange(5) / 24, np.random.default_rng(1)
+    points = random.normal(size=(1, 6, 3)) + np.sin(times)[:, None, None]
+    matrices = np.tile(np.diag([-2.0, 2, 2, 1]), (frames, 1, 1))
     matrices[:, 3, 0] = 10 + times
     transform = Attribute("transform", "object", np.column_stack([times, matrices.reshape(frames, 16)]))
     mesh = Connectivity(3, [3], [0, 1, 2])
-    values = np.random.default_rng(2).normal(size=(frames, 6)).astype(np.float32)
+    skin = [Attribute("material", "face", np.zeros(1, np.int32), np.int32([row]), ("skin",)) for row in (0, -1)]
+    fields = [Field(name, "vertex") for name in TAKEN]
+    values = [(field, random.normal(size=(frames, 6)).astype(np.float32)) for field in fields]
+    directions = random.normal(size=(frames, 6, 3)).astype(np.float32)
+    corners = np.tile(np.arange(6, dtype=np.float32), (frames, 1))
     return ArraySequence(
         points.astype(np.float32),
-        objects=(MeshObject("part", mesh), MeshObject("part", mesh, (transform,))),
+        objects=(MeshObject("part", mesh, (skin[0],)), MeshObject("part", mesh, (skin[1], transform))),
         times=times,
-        fields=[(Field(name, "vertex"), values) for name in ("positions", "vertex", "face_counts", "corner")],
+        fields=[
+            *values,
+            (Field("vector:push", "vertex", components=3), directions),
+            (Field("corners", "corner"), corners),
+            (Field("face", "face"), corners[:, :2]),
+        ],
     )
+
+
+TAKEN = ("positions", "vertex", "face_counts", "corner", "object", "velocity", "position", "material_index", "x" * 99)
+"""Names of fields that readers, or the programs that they read for, use themselves."""
 
 
 SOURCES = {
@@ -77,9 +92,16 @@ def write(name: str, folder: Path) -> Path:
     return path
 
 
-def assert_in_the_space_of_the_scene(found: list[np.ndarray], path: Path, time: float) -> None:
-    """Assert that the points of the objects of :func:`kept_apart` are where their transforms put them."""
+def assert_in_the_space_of_the_scene(
+    points: list[np.ndarray], faces: list[np.ndarray], pushes: list[np.ndarray], path: Path, time: float
+) -> None:
+    """Assert that the objects of :func:`kept_apart` are where their transforms put them, with the outside outside, and
+    that their directions turned with them.
+    """
     with open_animation(path) as animation:
-        points = animation.positions(time)
-    np.testing.assert_array_equal(found[0], points[:3])
-    np.testing.assert_allclose(found[1], points[3:] * 2 + [10 + time, 0, 0], rtol=1e-6)
+        expected, directions = animation.positions(time), animation.field("vector:push", time)
+    np.testing.assert_array_equal(points[0], expected[:3])
+    np.testing.assert_allclose(points[1], expected[3:] * [-2, 2, 2] + [10 + time, 0, 0], rtol=1e-6, atol=1e-6)
+    assert [np.ravel(one).tolist() for one in faces] == [[0, 1, 2], [2, 1, 0]]
+    np.testing.assert_array_equal(pushes[0], directions[:3])
+    np.testing.assert_allclose(pushes[1], directions[3:] * [-2, 2, 2], rtol=1e-6)

@@ -17,7 +17,18 @@ import pdecodec
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import ArraySequence, Attribute, MeshObject
 from spec.accepted import connectivity, runs, sheet
-from tests.support.scene_cases import SPACE, assert_same_connectivity, body, meaning_of, scene, turning
+from tests.plugins.clips import BETWEEN, TAKEN, assert_in_the_space_of_the_scene, write
+from tests.support.scene_cases import (
+    OUTWARD,
+    SPACE,
+    TETRAHEDRON,
+    assert_same_connectivity,
+    body,
+    meaning_of,
+    scene,
+    turning,
+    volume,
+)
 
 bpy = pytest.importorskip("bpy", reason="Blender is not installed here; pip install bpy, for Python 3.11")
 
@@ -243,6 +254,44 @@ def test_objects_in_a_space_of_their_own_are_where_their_transform_puts_them(sta
         assert np.allclose(read(thing.data.attributes["velocity"].data, "vector", 3), speed, rtol=1e-2, atol=1e-2)
 
 
+def test_mirrored_objects_face_outward_without_a_material_they_lack_and_fields_are_renamed_if_need_be(
+    stage: Any, tmp_path: Path
+) -> None:
+    path = write("kept_apart", tmp_path)
+    imported(path)
+    things = [one for one in stage.objects if one.pdeanim.filepath]
+    stage.render.use_motion_blur = True
+    points = [shown(one, BETWEEN * RATE) for one in things]
+    time = stage.frame_current_final / RATE
+    faces = [read(one.data.loops, "vertex_index", 1, np.int32) for one in things]
+    pushes = [read(one.data.attributes["vector:push"].data, "vector", 3) for one in things]
+    assert_in_the_space_of_the_scene(points, faces, pushes, path, time)
+    assert [[one and one.name for one in thing.data.materials] for thing in things] == [["skin"], [None, "skin"]]
+    assert [read(one.data.polygons, "material_index", 1, np.int32).tolist() for one in things] == [[0], [0]]
+    corners = [read(one.data.attributes["corners"].data, "value", 1) for one in things]
+    assert np.allclose(np.concatenate(corners), [0, 1, 2, 5, 4, 3], atol=1e-2)
+    with pdecodec.open(path) as animation:
+        speed = animation.velocities(time)[3:] * [-2, 2, 2] + [1, 0, 0]
+        assert np.allclose(read(things[1].data.attributes["velocity"].data, "vector", 3), speed, rtol=1e-5)
+        for name in TAKEN:
+            shown_name = f"{name}_field" if name in ("velocity", "position", "material_index") else name[:60]
+            found = [read(one.data.attributes[shown_name].data, "value", 1) for one in things]
+            assert np.array_equal(np.concatenate(found), animation.field(name, time)), name
+
+
+def test_fields_come_and_go_with_faces_and_those_that_no_mesh_can_show_are_named(
+    stage: Any, tmp_path: Path, capfd: Any
+) -> None:
+    dust = imported(path := write("changing", tmp_path))["Dust"]
+    assert "meshes cannot show the fields energy" in capfd.readouterr().out
+    with pdecodec.open(path) as animation:
+        for frame in (4, 26, 2):
+            stage.frame_set(frame)
+            assert ("stress" in dust.data.attributes) == (frame < 5)
+        found = read(dust.data.attributes["stress"].data, "value", 1)
+        assert np.array_equal(found, animation.runs[0].field("stress", 2 / RATE, object=1))
+
+
 def test_faces_that_change_from_run_to_run_are_shown(stage: Any, tmp_path: Path) -> None:
     clip = runs()
     path = encoded(clip, tmp_path / "a.pdeanim")
@@ -388,6 +437,16 @@ def test_exported_objects_come_back(stage: Any, tmp_path: Path, capfd: Any) -> N
                 if one.name != "group":
                     value = kept[one.name][:, :3] if one.name == "color" else kept[one.name]
                     assert np.array_equal(value, meaning_of(one)), one.name
+
+
+def test_a_mirrored_object_is_exported_with_its_outside_outside(stage: Any, tmp_path: Path) -> None:
+    solid = ArraySequence(np.stack([TETRAHEDRON] * 2), faces=OUTWARD, fps=RATE)
+    (thing,) = imported(encoded(solid, tmp_path / "a.pdeanim", 1e-6)).values()
+    thing.select_set(True)
+    thing.scale.x = -2
+    bpy.ops.export_scene.pdeanim(filepath=str(tmp_path / "b.pdeanim"), tolerance=1e-6, frame_start=0, frame_end=1)
+    with pdecodec.open(tmp_path / "b.pdeanim") as again:
+        assert volume(again, 1) == pytest.approx(2 / 6, rel=1e-4)
 
 
 def test_export_says_why_it_cannot(stage: Any, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import pdecodec
-from tests.plugins.clips import BETWEEN, assert_in_the_space_of_the_scene, write
+from tests.plugins.clips import BETWEEN, TAKEN, assert_in_the_space_of_the_scene, write
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -18,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 def plugin(name: str) -> Any:
     """Return a reader's module, or skip the test if its library is not installed."""
     pytest.importorskip(name)
-    return pytest.importorskip(f"pdecodec.ecosystem.{name}")
+    return import_module(f"pdecodec.ecosystem.{name}")
 
 
 @pytest.mark.parametrize("name", ["surfaces", "solids", "quadratic", "changing"])
@@ -77,6 +78,7 @@ def test_trimesh_loads_a_scene_at_any_time(tmp_path: Path) -> None:
         sheet, dust = scene.geometry["Rig/Sheet"], scene.geometry["Dust"]
         assert np.array_equal(sheet.vertices, positions[:9])
         assert np.array_equal(dust.vertices, positions[9:])
+        assert np.array_equal(dust.metadata["stress"], animation.field("stress", BETWEEN)[9:])
         assert sheet.faces.tolist()[:2] == [[0, 1, 4], [0, 4, 3]]
         assert len(sheet.faces) == 7
         broken = animation.field("broken", BETWEEN)
@@ -85,15 +87,32 @@ def test_trimesh_loads_a_scene_at_any_time(tmp_path: Path) -> None:
         assert np.array_equal(trimesh.load_scene(path).geometry["Dust"].vertices, animation.read_frames(0, 1)[0, 9:])
 
 
-def test_objects_in_a_space_of_their_own_and_of_one_name_are_in_their_places(tmp_path: Path) -> None:
-    reader, path = plugin("meshio"), write("kept_apart", tmp_path)
-    assert_in_the_space_of_the_scene(np.split(reader.read(path, time=BETWEEN).points, 2), path, BETWEEN)
+def test_meshio_puts_objects_in_the_scene_and_renames_fields_whose_names_are_taken(tmp_path: Path) -> None:
+    mesh = plugin("meshio").read(path := write("kept_apart", tmp_path), time=BETWEEN)
+    faces, pushes = mesh.cells[0].data - [[0], [3]], np.split(mesh.point_data["vector:push"], 2)
+    assert_in_the_space_of_the_scene(np.split(mesh.points, 2), [*faces], pushes, path, BETWEEN)
+    assert mesh.point_data["object"].tolist() == [0, 0, 0, 1, 1, 1]
+    with pdecodec.open(path) as animation:
+        for name in TAKEN:
+            found = mesh.point_data[f"{name}_field" if name == "object" else name]
+            assert np.array_equal(found, animation.field(name, BETWEEN))
+
+
+def test_trimesh_puts_objects_in_the_scene_and_renames_fields_whose_names_are_taken(
+    tmp_path: Path,
+) -> None:
     plugin("trimesh")
     import trimesh
 
-    scene = trimesh.load_scene(path, time=BETWEEN)
+    scene = trimesh.load_scene(path := write("kept_apart", tmp_path), time=BETWEEN)
     assert list(scene.geometry) == ["part", "part_2"]
-    assert_in_the_space_of_the_scene([one.vertices for one in scene.geometry.values()], path, BETWEEN)
+    parts = [*scene.geometry.values()]
+    faces, pushes = [one.faces for one in parts], [one.vertex_attributes["vector:push"] for one in parts]
+    assert_in_the_space_of_the_scene([one.vertices for one in parts], faces, pushes, path, BETWEEN)
+    assert [one.face_attributes["face"].tolist() for one in parts] == [[0], [0]]
+    with pdecodec.open(path) as animation:
+        found = [one.face_attributes["face_field"] for one in parts]
+        assert np.array_equal(np.concatenate(found), animation.field("face", BETWEEN))
 
 
 def test_xarray_renames_fields_whose_names_are_taken(tmp_path: Path) -> None:
@@ -101,11 +120,12 @@ def test_xarray_renames_fields_whose_names_are_taken(tmp_path: Path) -> None:
     pytest.importorskip("dask")
     import xarray
 
-    path = write("kept_apart", tmp_path)
+    path, own = write("kept_apart", tmp_path), {"positions", "vertex", "face_counts", "corner", "object", "face"}
     with pdecodec.open(path) as animation, xarray.open_dataset(path) as data:
         assert np.array_equal(data.positions, animation.positions(animation.times))
         for field in animation.fields:
-            assert np.array_equal(data[f"{field.name}_field"], animation.field(field.name, animation.times))
+            found = data[f"{field.name}_field" if field.name in own else field.name]
+            assert np.array_equal(found, animation.field(field.name, animation.times))
 
 
 @pytest.mark.parametrize(
@@ -113,7 +133,6 @@ def test_xarray_renames_fields_whose_names_are_taken(tmp_path: Path) -> None:
 )
 def test_the_code_in_the_readme_runs(page: str, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip(library)
-    pytest.importorskip(f"pdecodec.{page}.{library}")
     text = (ROOT / "plugins" / page / "README.md").read_text(encoding="utf-8")
     codes = [part.partition("```")[0] for part in text.split("```python\n")[1:]]
     (code,) = (one for one in codes if f"import {library}\n" in one)

@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 @pytest.fixture(scope="module")
 def plugin() -> Any:
     pytest.importorskip("vtkmodules")
-    return pytest.importorskip("pdecodec.paraview.pdecodec_reader")
+    return import_module("pdecodec.paraview.pdecodec_reader")
 
 
 def opened(plugin: Any, path: Path) -> Any:

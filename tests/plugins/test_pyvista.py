@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 
 import pdecodec
-from tests.plugins.clips import BETWEEN, assert_in_the_space_of_the_scene, write
+from tests.plugins.clips import BETWEEN, TAKEN, assert_in_the_space_of_the_scene, write
 
 
 @pytest.fixture(scope="module")
 def pyvista() -> Any:
-    found = pytest.importorskip("pyvista")
-    pytest.importorskip("pdecodec.paraview.pyvista")
-    return found
+    return pytest.importorskip("pyvista")
 
 
 def test_read_returns_the_first_frame_by_object(pyvista: Any, tmp_path: Path) -> None:
@@ -77,13 +75,20 @@ def test_a_file_that_disappears_raises_our_error(pyvista: Any, tmp_path: Path) -
         reader.read()
 
 
-def test_objects_in_a_space_of_their_own_are_in_their_places(pyvista: Any, tmp_path: Path) -> None:
+def test_objects_are_in_the_space_of_the_scene_and_arrays_whose_names_are_taken_renamed(
+    pyvista: Any, tmp_path: Path
+) -> None:
     reader = pyvista.get_reader(path := write("kept_apart", tmp_path))
     reader.velocity = True
     reader.set_active_time_value(BETWEEN)
     blocks = list(reader.read())
-    assert_in_the_space_of_the_scene([one.points for one in blocks], path, BETWEEN)
-    with pdecodec.open(path) as animation:
-        expected = animation.velocities(BETWEEN)[3:] * 2 + [1, 0, 0]
-    np.testing.assert_allclose(blocks[1]["velocity"], expected, rtol=1e-5)
+    faces, pushes = [one.faces[1:] for one in blocks], [one["vector:push"] for one in blocks]
+    assert_in_the_space_of_the_scene([one.points for one in blocks], faces, pushes, path, BETWEEN)
     assert "transform" not in blocks[1].field_data
+    assert [one["material"].tolist() for one in blocks] == [[0], [-1]], "-1 is no label"
+    with pdecodec.open(path) as animation:
+        expected = animation.velocities(BETWEEN)[3:] * [-2, 2, 2] + [1, 0, 0]
+        np.testing.assert_allclose(blocks[1]["velocity"], expected, rtol=1e-5)
+        for name in TAKEN:
+            found = [one.point_data[f"{name}_field" if name == "velocity" else name] for one in blocks]
+            assert np.array_equal(np.concatenate(found), animation.field(name, BETWEEN))
