@@ -6,7 +6,8 @@ import { BoundingInfo } from "@babylonjs/core/Culling/boundingInfo.js";
 import { Vector2, Vector3 } from "@babylonjs/core/Maths/math.vector.js";
 import { registerGLTFExtension } from "@babylonjs/loaders/glTF/2.0/glTFLoaderExtensionRegistry.js";
 
-import { DecodedRun, gatherRows, release, retain } from "./decoded.js";
+import { graphicsOf } from "./babylon-graphics.js";
+import { DecodedRun, gatherRows, release, retain, turnTangents } from "./decoded.js";
 import { EXTENSION, Motions, extensionOf, fansOf, rowsOf } from "./gltf-motion.js";
 
 /** Have every glTF file that is loaded from now on play its motions. */
@@ -22,26 +23,79 @@ const movers = new WeakMap();
  * the first frame, y the sum of weights. So animations blend, and what lacks to a weight of 1 is the first frame's shape.
  */
 class Mover {
-  #shown = new Vector2(0, 0);
+  #state = new Vector2(0, 0);
+  #shown = null;  // time and weight of the shape; the loader's vertices at first
+  #isRead = true;  // whether the arrays have that shape
+  #graphics;
+  #motion;
+  #pair;
 
   constructor(mesh, shape) {
     Object.assign(this, { mesh, shape, decoded: DecodedRun.of(shape.animation) });
     movers.set(mesh, this);
     mesh.motionState ??= new Vector2(0, 0);
+    Object.defineProperty(mesh, "isOnGpu", { get: () => this.#isOnGpu });
     retain(shape.animation);
-    this.points = mesh.getVerticesData(VertexBuffer.PositionKind).slice();
-    this.normals = shape.fans && mesh.getVerticesData(VertexBuffer.NormalKind).slice();
-    mesh.setVerticesData(VertexBuffer.PositionKind, this.points, true);
-    if (this.normals) mesh.setVerticesData(VertexBuffer.NormalKind, this.normals, true);
-    mesh.setBoundingInfo(new BoundingInfo(shape.low, shape.high));
+    const read = (kind) => mesh.getVerticesData(kind)?.slice();
+    this.points = read(VertexBuffer.PositionKind);
+    this.normals = shape.fans && read(VertexBuffer.NormalKind);
+    this.firstTangents = this.normals && read(VertexBuffer.TangentKind);
+    this.tangents = this.firstTangents?.slice();
     const scene = mesh.getScene();
+    const graphics = graphicsOf(scene.getEngine());
+    // Shaders of ours write no tangents.
+    this.#graphics = graphics?.holds(shape.animation) && !this.tangents ? graphics : null;
+    if (this.#graphics) this.restore();
+    else for (const [kind, values] of this.#arrays) mesh.setVerticesData(kind, values, true);
+    this.#setBounds();
     const drawing = scene.onBeforeRenderObservable.add(() => this.#update());
     const adding = scene.onNewMeshAddedObservable.add((added) => this.#follow(added));
     mesh.onDisposeObservable.addOnce(() => {
       drawing.remove();
       adding.remove();
+      this.#freeBuffers();
       release(shape.animation);
     });
+  }
+
+  get #isOnGpu() {
+    return Boolean(this.#pair && this.#motion.isOnGpu && this.#shown?.weight === 1);
+  }
+
+  get #arrays() {
+    const { PositionKind, NormalKind, TangentKind } = VertexBuffer;
+    const { points, normals, tangents } = this;
+    return [[PositionKind, points], [NormalKind, normals], [TangentKind, tangents]].filter(([, values]) => values);
+  }
+
+  /** Draw from new buffers of the graphics processor: at first, and after a lost context. */
+  restore() {
+    const { mesh, shape, normals } = this;
+    this.#motion = this.#graphics.borrow(shape.animation, this);
+    this.#pair = this.#graphics.work(() => this.#motion.addDrawn(shape.rows, shape.fans));
+    this.#show();
+    const use = (kind, buffer, values) =>
+      mesh.setVerticesBuffer(this.#graphics.vertexBuffer(kind, buffer, () => this.#read(values)));
+    use(VertexBuffer.PositionKind, this.#pair.positions, this.points);
+    if (normals) use(VertexBuffer.NormalKind, this.#pair.normals, normals);
+    this.#setBounds();
+  }
+
+  #setBounds() {
+    const { low, high } = this.shape;
+    for (const own of [this.mesh, ...this.mesh.instances]) {
+      own.setBoundingInfo(new BoundingInfo(low, high, own.getWorldMatrix()));
+    }
+  }
+
+  #freeBuffers() {
+    if (!this.#pair) return;
+    // Babylon.js frees buffers of vertices when it has drawn.
+    this.#pair.positions = null;
+    if (this.normals) this.#pair.normals = null;
+    this.#graphics.work(() => this.#motion.removeDrawn(this.#pair));
+    this.#graphics.giveBack(this.shape.animation, this);
+    this.#pair = null;
   }
 
   /** Give a copy of the mesh a geometry and a time of its own; the decoder is shared. */
@@ -56,18 +110,43 @@ class Mover {
   }
 
   #update() {
-    const { mesh, shape, decoded } = this;
-    const state = mesh.motionState;
-    if (state.equals(this.#shown)) return;
-    this.#shown.copyFrom(state);
+    const state = this.mesh.motionState;
+    if (state.equals(this.#state)) return;
+    this.#state.copyFrom(state);
     const weight = Math.min(state.y, 1);
-    const time = shape.animation.start + (weight > 0 ? state.x / state.y : 0);
-    const share = weight > 0 ? weight : 1;
-    gatherRows(this.points, decoded.points(time, share), shape.rows);
-    mesh.updateVerticesData(VertexBuffer.PositionKind, this.points);
-    if (!this.normals) return;
-    gatherRows(this.normals, decoded.normals(time, share, shape.fans), shape.fans.of, shape.fans.stored);
-    mesh.updateVerticesData(VertexBuffer.NormalKind, this.normals);
+    const time = this.shape.animation.start + (weight > 0 ? state.x / state.y : 0);
+    this.#shown = { time, weight: weight > 0 ? weight : 1 };
+    this.#isRead = false;
+    this.#show();
+  }
+
+  #show() {
+    const { mesh, points, normals } = this;
+    if (this.#pair && this.#shown?.weight === 1) {
+      this.#graphics.work(() => this.#motion.evaluate(this.#shown.time, [this.#pair]));
+      mesh._resetPointsArrayCache();  // of rays
+    } else if (this.#pair) {
+      this.#read();
+      this.#graphics.work(() => this.#motion.write(this.#pair, points, normals));
+      mesh._resetPointsArrayCache();
+    } else {
+      this.#read();
+      for (const [kind, values] of this.#arrays) mesh.updateVerticesData(kind, values);
+    }
+  }
+
+  /** Bring the arrays to the shape that is shown, and return `values`, one of them. */
+  #read(values) {
+    if (this.#isRead) return values;
+    const { shape, decoded, points, normals, tangents } = this;
+    const { time, weight } = this.#shown;
+    retain(shape.animation);  // a copy may be read when its source is gone
+    gatherRows(points, decoded.points(time, weight), shape.rows);
+    if (normals) gatherRows(normals, decoded.normals(time, weight, shape.fans), shape.fans.of, shape.fans.stored);
+    if (tangents) turnTangents(tangents, this.firstTangents, normals);
+    release(shape.animation);
+    this.#isRead = true;
+    return values;
   }
 }
 

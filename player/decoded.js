@@ -78,3 +78,19 @@ export function gatherRows(array, values, rows, instead = null) {
     for (let axis = 0; axis < 3; axis++) array[3 * k + axis] = isMissing ? instead[3 * k + axis] : values[from + axis];
   }
 }
+
+/** Turn stored tangents with their normals: subtract the part along the normal, and keep the sign of the bitangent. */
+export function turnTangents(array, stored, normals) {
+  for (let at = 0, from = 0; at < stored.length; at += 4, from += 3) {
+    let [along, square] = [0, 0];
+    for (let axis = 0; axis < 3; axis++) along += stored[at + axis] * normals[from + axis];
+    for (let axis = 0; axis < 3; axis++) {
+      const value = stored[at + axis] - along * normals[from + axis];
+      array[at + axis] = value;
+      square += value * value;
+    }
+    const length = Math.sqrt(square) || 1;
+    for (let axis = 0; axis < 3; axis++) array[at + axis] /= length;
+    array[at + 3] = stored[at + 3];
+  }
+}

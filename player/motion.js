@@ -152,11 +152,11 @@ export class GroupedMotion {
     this._writeDrawn(this.drawn);
   }
 
-  /** Fill one pair of buffers with given positions and normals of its vertices. */
+  /** Fill one pair of buffers with given positions, and normals if there are any, of its vertices. */
   write(pair, positions, normals) {
     this._begin();
     this._upload(pair.positions, positions);
-    this._upload(pair.normals, normals);
+    if (normals) this._upload(pair.normals, normals);
   }
 
   /** Return a group as `_uploadGroup` returned it. Upload the group only if it is not kept. */

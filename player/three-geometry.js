@@ -1,7 +1,7 @@
 /** A geometry of three.js whose positions and normals come from the decoder or from a graphics processor. */
 import { Box3, BufferAttribute, BufferGeometry, Sphere, Vector3 } from "three";
 
-import { DecodedRun, gatherRows, release, retain } from "./decoded.js";
+import { DecodedRun, gatherRows, release, retain, turnTangents } from "./decoded.js";
 
 export class MovingGeometry extends BufferGeometry {
   #wanted = null;
@@ -191,15 +191,4 @@ export class MovingGeometry extends BufferGeometry {
 
 function copyVertex(own, other, k) {
   for (let axis = 0; axis < own.itemSize; axis++) own.setComponent(k, axis, other.getComponent(k, axis));
-}
-
-/** Turn stored tangents with their normals: subtract the part along the normal, and keep the sign of the bitangent. */
-function turnTangents(array, stored, normals) {
-  const [tangent, normal] = [new Vector3(), new Vector3()];
-  for (let k = 0; k < stored.length / 4; k++) {
-    tangent.fromArray(stored, 4 * k);
-    normal.fromArray(normals, 3 * k);
-    tangent.addScaledVector(normal, -tangent.dot(normal)).normalize().toArray(array, 4 * k);
-    array[4 * k + 3] = stored[4 * k + 3];
-  }
 }

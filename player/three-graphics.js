@@ -2,6 +2,7 @@
 import { BufferAttribute, GLBufferAttribute } from "three";
 
 import { GpuMotion } from "./gpu.js";
+import { Graphics } from "./graphics.js";
 import { WebGpuMotion } from "./webgpu.js";
 
 const known = new WeakMap();
@@ -17,51 +18,14 @@ export function graphicsOf(renderer) {
   return known.get(renderer) ?? null;
 }
 
-/** Motions by run of frames, each shared by all geometries that show the run. */
-class Graphics {
-  #motions = new Map();
-
-  /** Return the motion of a run; its geometries call `restore` again when a lost context is back. */
-  borrow(run, geometry) {
-    if (!this.#motions.has(run)) {
-      this.#motions.set(run, { motion: this.work(() => this.makeMotion(run)), users: new Set() });
-    }
-    const { motion, users } = this.#motions.get(run);
-    users.add(geometry);
-    return motion;
-  }
-
-  giveBack(run, geometry) {
-    const found = this.#motions.get(run);
-    if (!found?.users.delete(geometry) || found.users.size > 0) return;
-    this.work(() => found.motion.close());
-    this.#motions.delete(run);
-  }
-
-  /** Upload everything again after a lost context. */
-  restore() {
-    const users = [...this.#motions.values()].flatMap((found) => [...found.users]);
-    this.#motions.clear();
-    for (const geometry of users) geometry.restore();
-  }
-}
-
 class WebGlGraphics extends Graphics {
   constructor(renderer) {
-    super();
+    super(GpuMotion, () => renderer.getContext());
     this.renderer = renderer;
     renderer.domElement.addEventListener("webglcontextrestored", () => this.restore(), true);
   }
 
   #depth = 0;
-
-  holds(run) {
-    return GpuMotion.holds(this.renderer.getContext(), run);
-  }
-
-  makeMotion(run) {
-    return new GpuMotion(this.renderer.getContext(), run, []);
-  }
 
   attribute(buffer, count, getComponent) {
     const attribute = new GLBufferAttribute(buffer, this.renderer.getContext().FLOAT, 3, 4, count);
@@ -91,16 +55,8 @@ class WebGlGraphics extends Graphics {
 /** A lost device of WebGPU does not come back: nothing restores. */
 class WebGpuGraphics extends Graphics {
   constructor(backend) {
-    super();
+    super(WebGpuMotion, () => backend.device);
     this.backend = backend;
-  }
-
-  holds(run) {
-    return WebGpuMotion.holds(this.backend.device, run);
-  }
-
-  makeMotion(run) {
-    return new WebGpuMotion(this.backend.device, run, []);
   }
 
   /** Make an attribute and give it its buffer before the renderer would create one. */
@@ -109,10 +65,6 @@ class WebGpuGraphics extends Graphics {
     attribute.count = count;
     this.backend.get(attribute).buffer = buffer;
     return Object.assign(attribute, makeGetters(getComponent));
-  }
-
-  work(work) {
-    return work();
   }
 }
 

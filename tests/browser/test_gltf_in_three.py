@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -14,11 +13,8 @@ import pytest
 from pdecodec.mesh.arrays import Float32Array
 from spec.decoder.gltf import root_of, shape_at
 from spec.extension.make_example import PATH
-from tests.browser.test_three_loader import GRAPHICS
-from tests.support.driven_browser import Browser, browsing
-from tests.support.remote_server import serving
-
-PLAYER = Path(__file__).resolve().parents[2] / "player"
+from tests.support.browser_pages import GRAPHICS, showing, three_page
+from tests.support.driven_browser import Browser
 
 NAME = "PDECODEC_mesh_motion"
 
@@ -30,13 +26,10 @@ DURATION = 35 / 24
 MARGIN = 2e-6
 """Largest difference of coordinates between evaluations in float32 [m]."""
 
-SCENE = """<!doctype html>
-{imports}
-<script type="module">
-import * as THREE from "{three}";
+SCRIPT = """
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { GLTFMeshMotionExtension } from "pdeanim/three";
-{graphics}
+
 const camera = new THREE.PerspectiveCamera(50, 4 / 3, 0.1, 100);
 camera.position.set(0.5, 1.2, 3);
 renderer.setRenderTarget(new (THREE.WebGLRenderTarget ?? THREE.RenderTarget)(160, 120));
@@ -69,30 +62,18 @@ const readOf = ({ geometry: { attributes: { position } } }) =>
   Array.from({ length: 3 * position.count }, (_, k) => position.getComponent(Math.floor(k / 3), k % 3));
 
 Object.assign(globalThis, { THREE, renderer, load, movedOf, draw, pointsOf, readOf, error });
-</script>
 """
 
 
 @pytest.fixture(scope="module", params=GRAPHICS)
 def page(request: pytest.FixtureRequest, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    served: Path = tmp_path_factory.mktemp("scene") / "served"
-    shutil.copytree(site, served, symlinks=False)
-    blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
-    (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
-    own = "three/webgpu" if request.param == "WebGPU" else "three"
-    text = SCENE.replace("{imports}", imports).replace("{three}", own).replace("{graphics}", GRAPHICS[request.param])
-    (served / "index.html").write_text(text)
+    served = three_page(site, tmp_path_factory.mktemp("scene") / "served", SCRIPT, request.param)
     data = PATH.read_bytes()
     (served / "example.glb").write_bytes(data)
     (served / "broken.glb").write_bytes(data.replace(b'"vertexMap":3', b'"vertexMap":0'))  # three values a vertex
     (served / "long.glb").write_bytes(data.replace(b'"duration":1', b'"duration":2'))
-    with serving(served) as server, browsing(served.parent / "profile") as browser:
-        browser.open(f"{server.address}/index.html")
-        if request.param == "WebGPU" and not browser.run("return Boolean(await navigator.gpu?.requestAdapter())"):
-            pytest.skip("this browser has no WebGPU")
-        browser.run("while (!globalThis.load) await new Promise((next) => setTimeout(next, 20));")
+    with showing(served, "index.html", "globalThis.load", request.param) as browser:
         yield browser
-        assert [error for error in browser.errors() if "favicon" not in error] == []
 
 
 @cache

@@ -17,11 +17,10 @@ from pdecodec.mesh.fields import FieldDomain
 from spec.accepted import with_attributes
 from spec.vector_files import accepted_files
 from tests.browser.test_view import GPU_MARGIN, two_sheets
-from tests.support.driven_browser import Browser, browsing
-from tests.support.remote_server import serving
+from tests.support.browser_pages import GRAPHICS, readme_block, showing, three_page
+from tests.support.driven_browser import Browser
 
 ROOT = Path(__file__).resolve().parents[2]
-PLAYER = ROOT / "player"
 
 
 def loaded(site: Path, path: Path, *steps: float | dict[str, Any]) -> dict[str, Any]:
@@ -191,51 +190,27 @@ def test_a_typescript_program_is_checked_against_the_types(site: Path, three: Pa
     assert done.returncode == 0, done.stdout
 
 
-PAGE = """<!doctype html>
-{imports}
-<script type="module">
-import * as THREE from "three";
-const renderer = new THREE.WebGLRenderer();
+SCENE_OF_THE_README = """
 const scene = new THREE.Scene();
 scene.add(new THREE.AmbientLight());
 const camera = new THREE.PerspectiveCamera(50, 2, 0.1, 100);
 camera.position.set(1, 2, 3);
 camera.lookAt(1, 0, 0);
 {script}
-globalThis.cloth = cloth;
 globalThis.drawn = () => [renderer.info.render.triangles, renderer.info.render.frame];
-</script>
 """
 
 
 def test_a_fresh_page_follows_the_readme_alone(site: Path, tmp_path: Path) -> None:
-    blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
-    (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
-    (script,) = [
-        block.removeprefix("js\n") for block in blocks if "import { PDEAnimLoader }" in block and block.startswith("js")
-    ]
-    script = script.replace('import * as THREE from "three";\n', "")
-    (site / "index.html").write_text(PAGE.replace("{imports}", imports).replace("{script}", script))
-    encode(two_sheets(), site / "cloth.pdeanim", tolerance=1e-4, overwrite=True)
-    served = tmp_path / "served"
-    shutil.copytree(site, served, symlinks=False)
-    with serving(served) as server, browsing(tmp_path / "profile") as browser:
-        browser.open(f"{server.address}/index.html")
-        found = browser.run(
-            "for (let k = 0; k < 600 && !(globalThis.drawn && drawn()[1] > 2); k++)"
-            " await new Promise((next) => setTimeout(next, 50));"
-            " return globalThis.drawn ? drawn() : null"
-        )
-        assert [error for error in browser.errors() if "favicon" not in error] == []
-        assert found[0] == 2 * 2 * 121
+    script = readme_block("js", "import { PDEAnimLoader }").replace('import * as THREE from "three";\n', "")
+    served = three_page(site, tmp_path / "served", SCENE_OF_THE_README.replace("{script}", script))
+    encode(two_sheets(), served / "cloth.pdeanim", tolerance=1e-4)
+    with showing(served, "index.html", "globalThis.drawn?.()[1] > 2") as browser:
+        assert browser.run("return drawn()[0]") == 2 * 2 * 121
 
 
-SCENE = """<!doctype html>
-{imports}
-<script type="module">
-import * as THREE from "{three}";
+SCRIPT = """
 import { PDEAnimLoader } from "pdeanim/three";
-{graphics}
 
 renderer.shadowMap.enabled = true;
 const target = new (THREE.WebGLRenderTarget ?? THREE.RenderTarget)(160, 120);
@@ -289,47 +264,7 @@ function hits(clip, from, to) {
 
 const loadOn = (own, name) => new PDEAnimLoader().setRenderer(own).loadAsync(name);
 Object.assign(globalThis, { renderer, Motion, show, meshes, box, hits, loadOn, error, on: {}, off: {} });
-</script>
 """
-
-GRAPHICS = {
-    "WebGL": """
-import { GpuMotion as Motion } from "pdeanim/gpu";
-const renderer = new THREE.WebGLRenderer();
-const gl = renderer.getContext();
-globalThis.gl = gl;
-const error = () => gl.getError();
-const pixelsOf = (target, width, height) =>
-  renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, new Uint8Array(4 * width * height));
-async function buffered({ buffer, count }) {
-  const found = new Float32Array(3 * count);
-  gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
-  gl.getBufferSubData(gl.ARRAY_BUFFER, 0, found);
-  gl.bindBuffer(gl.ARRAY_BUFFER, null);
-  return found;
-}
-""",
-    "WebGPU": """
-import { WebGpuMotion as Motion } from "pdeanim/webgpu";
-const renderer = new THREE.WebGPURenderer();
-await renderer.init();
-const { device } = renderer.backend;
-let errors = 0;
-device?.addEventListener("uncapturederror", () => errors++);
-const error = () => errors;
-const pixelsOf = (target, width, height) => renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height);
-async function buffered(attribute) {
-  const size = 12 * attribute.count;
-  const copy = device.createBuffer({ size, usage: GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST });
-  const encoder = device.createCommandEncoder();
-  encoder.copyBufferToBuffer(renderer.backend.get(attribute).buffer, 0, copy, 0, size);
-  device.queue.submit([encoder.finish()]);
-  await copy.mapAsync(GPUMapMode.READ);
-  return new Float32Array(copy.getMappedRange());
-}
-""",
-}
-"""The parts of the JavaScript that differ between three.js' graphics interfaces, by the name of the interface."""
 
 
 @pytest.fixture(scope="module")
@@ -349,28 +284,17 @@ def scene(
     """Open a page with a three.js scene and each clip twice: ``on.NAME`` is evaluated by the graphics
     processor, ``off.NAME`` by the decoder.
     """
-    served: Path = tmp_path_factory.mktemp("scene") / "served"
-    shutil.copytree(site, served, symlinks=False)
-    blocks = (PLAYER / "README.md").read_text("utf-8").split("```")
-    (imports,) = [block.removeprefix("html\n") for block in blocks if block.startswith("html")]
-    own = "three/webgpu" if request.param == "WebGPU" else "three"
-    page = SCENE.replace("{imports}", imports).replace("{three}", own).replace("{graphics}", GRAPHICS[request.param])
-    (served / "index.html").write_text(page)
+    served = three_page(site, tmp_path_factory.mktemp("scene") / "served", SCRIPT, request.param)
     for path in clips.values():
         shutil.copy(path, served)
-    with serving(served) as server, browsing(served.parent / "profile") as browser:
-        browser.open(f"{server.address}/index.html")
-        if request.param == "WebGPU" and not browser.run("return Boolean(await navigator.gpu?.requestAdapter())"):
-            pytest.skip("this browser has no WebGPU")
+    with showing(served, "index.html", "globalThis.loadOn", request.param) as browser:
         browser.run(
-            "while (!globalThis.loadOn) await new Promise((next) => setTimeout(next, 20));"
             "for (const name of arguments_) {"
             " on[name] = await loadOn(renderer, `${name}.pdeanim`);"
             " off[name] = await loadOn(null, `${name}.pdeanim`); }",
             *clips,
         )
         yield browser
-        assert [error for error in browser.errors() if "favicon" not in error] == []
 
 
 def assert_where_the_library_has_it(meshes: list[dict[str, Any]], animation: Any, time: float) -> None:
