@@ -144,6 +144,14 @@ paper: reproduce stability
 dist: $(READY)
 	$(BIN)/python -m build --no-isolation --outdir dist
 
+# The source, and wheels for Linux on x86-64 and arm64 that other systems load, too. Each needs GCC for
+# its processor (g++-aarch64-linux-gnu, or g++-x86-64-linux-gnu); one without it is skipped.
+.PHONY: wheels
+wheels: .venv/tools
+	$(PIP) 'ziglang==0.17.1' 'auditwheel>=6.4' 'build>=1.2'
+	$(BIN)/python -m build --sdist --no-isolation --outdir dist
+	$(BIN)/python -m core.wheels dist
+
 # The decoder as one C++ file and a header, to be compiled into another program.
 amalgamation:
 	$(PYTHON) -m core.amalgamation dist/amalgamation

@@ -1,0 +1,131 @@
+"""Build wheels for Linux that older systems load: ``make wheels``.
+
+    python -m core.wheels FOLDER [ARCHITECTURE ...]
+
+GCC compiles the core for each architecture, and Zig links it: with the symbols of glibc 2.28, whatever the version
+here. What GCC's newer headers need of a newer C++ library is linked in from the static library, so that the module
+loads with GCC 8's. auditwheel confirms the tag; without that a wheel is not written.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+GLIBC = "2.28"
+
+COMPILERS = {"x86_64": ("x86_64-linux-gnu-g++", "g++"), "aarch64": ("aarch64-linux-gnu-g++", "g++")}
+"""The C++ compilers of each architecture: a cross compiler, or this machine's own."""
+
+NEWER_MEMBERS = ("condition_variable.o", "cow-stdexcept.o", "eh_ptr.o", "functexcept.o")
+"""Members of libstdc++.a with the functions that are newer than GCC 8 and that the core calls."""
+
+NEWER_GLIBC = 'extern "C" __attribute__((visibility("hidden"))) char __libc_single_threaded = 0;\n'
+"""A variable of glibc 2.32 that GCC's headers read; 0 says that there may be threads."""
+
+COMPILER = """#!/bin/sh
+# Links modules by Zig; does all else by GCC.
+case " $* " in
+*" -shared "*) exec "{python}" -m ziglang c++ -target {architecture}-linux-gnu.{glibc} -nostdlib++ "$@" {libraries} ;;
+esac
+exec {compiler} "$@"
+"""
+
+
+def find_compiler(architecture: str) -> str | None:
+    """Return the C++ compiler for an architecture, or None if there is none here."""
+    for name in COMPILERS[architecture]:
+        if shutil.which(name) and output(name, "-dumpmachine").startswith(f"{architecture}-linux"):
+            return name
+    return None
+
+
+def write_compiler(folder: Path, architecture: str, compiler: str) -> Path:
+    """Write a script that compiles as `compiler` does and links by Zig, and return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    newer = folder / "newer.a"
+    newer.unlink(missing_ok=True)
+    with tempfile.TemporaryDirectory() as scratch:
+        (Path(scratch) / "glibc.cpp").write_text(NEWER_GLIBC, "utf-8")
+        run(compiler, "-c", "-O2", "-fPIC", "glibc.cpp", cwd=Path(scratch))
+        run("ar", "x", output(compiler, "-print-file-name=libstdc++.a"), *NEWER_MEMBERS, cwd=Path(scratch))
+        run("ar", "rcs", str(newer), "glibc.o", *NEWER_MEMBERS, cwd=Path(scratch))
+    # libgcc.a says what the processor has: Zig's own library does not look.
+    names = ("libstdc++.so.6", "libgcc.a", "libgcc_s.so.1")
+    libraries = [str(newer), *(output(compiler, f"-print-file-name={name}") for name in names)]
+    script = folder / "c++"
+    script.write_text(
+        COMPILER.format(
+            python=sys.executable,
+            architecture=architecture,
+            glibc=GLIBC,
+            libraries=" ".join(libraries),
+            compiler=compiler,
+        ),
+        "utf-8",
+    )
+    script.chmod(0o755)
+    return script
+
+
+def build_wheel(folder: Path, architecture: str, compiler: str) -> Path:
+    """Build the wheel for an architecture, move it to `folder` if its tag is true, and return its path."""
+    build = ROOT / "build" / "wheels" / architecture
+    tag = f"manylinux_{GLIBC.replace('.', '_')}_{architecture}"
+    settings = {
+        "build-dir": str(build / "core"),
+        "cmake.define.CMAKE_SYSTEM_NAME": "Linux",
+        "cmake.define.CMAKE_SYSTEM_PROCESSOR": architecture,
+    }
+    environment = {"CXX": str(write_compiler(build, architecture, compiler)), "_PYTHON_HOST_PLATFORM": tag}
+    with tempfile.TemporaryDirectory() as scratch:
+        flags = [f"--config-setting={name}={value}" for name, value in settings.items()]
+        run(
+            *(sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", scratch, *flags, str(ROOT)),
+            environment=environment,
+        )
+        (wheel,) = Path(scratch).glob("*.whl")
+        shown = output(sys.executable, "-m", "auditwheel", "show", str(wheel))
+        if f'"{tag}"' not in shown:
+            sys.exit(f"{wheel.name} does not work wherever its tag says:\n{shown}")
+        folder.mkdir(parents=True, exist_ok=True)
+        return Path(shutil.move(wheel, folder / wheel.name))
+
+
+def output(*command: str) -> str:
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def run(*command: str, cwd: Path = ROOT, environment: dict[str, str] | None = None) -> None:
+    result = subprocess.run(
+        command, cwd=cwd, env=os.environ | (environment or {}), capture_output=True, text=True, check=False
+    )
+    if result.returncode:
+        sys.exit(f"{' '.join(command[:6])} ...\n{result.stdout[-4000:]}{result.stderr[-4000:]}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("architectures", nargs="*", default=list(COMPILERS))
+    arguments = parser.parse_args()
+    if importlib.util.find_spec("ziglang") is None or importlib.util.find_spec("auditwheel") is None:
+        sys.exit("the packages ziglang and auditwheel are missing")
+    for architecture in arguments.architectures:
+        compiler = find_compiler(architecture)
+        if compiler is None:
+            print(f"{architecture}: skipped, there is no {' or '.join(COMPILERS[architecture])} for it")
+            continue
+        print(build_wheel(arguments.folder, architecture, compiler))
+
+
+if __name__ == "__main__":
+    main()
