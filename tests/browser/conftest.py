@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from tests.support.browser_tools import node_modules
+from tests.support import browser_tools
+from tests.support.browser_tools import node_module
 
 PLAYER = Path(__file__).resolve().parents[2] / "player"
 
@@ -19,10 +20,7 @@ PLAYER = Path(__file__).resolve().parents[2] / "player"
 @pytest.fixture(scope="session")
 def three() -> Path:
     """Return the folder of three.js."""
-    folder = node_modules() / "three"
-    if not folder.is_dir():
-        pytest.skip("three.js is not here; npm install --prefix tests/browser")
-    return folder
+    return node_module("three")
 
 
 @pytest.fixture(scope="session")
@@ -59,9 +57,6 @@ def run_node(site: Path) -> Callable[..., Any]:
     def run(text: str, *given: object) -> Any:
         script = f"const given = JSON.parse(process.argv[2]); let found;\n{text}\nconsole.log(JSON.stringify(found));"
         (site / "script.mjs").write_text(script)
-        command = ["node", "script.mjs", json.dumps(given)]
-        done = subprocess.run(command, cwd=site, capture_output=True, text=True, check=False, timeout=120)
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
+        return json.loads(browser_tools.run_node("script.mjs", json.dumps(given), folder=site))
 
     return run

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import shutil
-import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ import pytest
 
 from pdecodec.formats import write_sequence
 from spec.extension.make_example import example
-from tests.support.browser_tools import BROWSER, node_modules
+from tests.support.browser_tools import bundle, node_module, node_modules
 from tests.support.driven_browser import Browser, browsing
 from tests.support.remote_server import serving
 
@@ -91,11 +90,6 @@ def stage(packed_player: Path, three: Path, tmp_path_factory: pytest.TempPathFac
         yield Stage(folder, server.address, browser)
 
 
-def needs(name: str) -> None:
-    if not (node_modules() / name).is_dir():
-        pytest.skip(f"{name} is not here; npm install --prefix tests/browser")
-
-
 def build(stage: Stage, name: str, bundler: str) -> Path:
     """Build a page for itself, with three.js outside; return its folder."""
     folder = stage.folder / f"{name}-{bundler}"
@@ -103,10 +97,7 @@ def build(stage: Stage, name: str, bundler: str) -> Path:
     shutil.copy(EXAMPLES / "clip.glb", folder)
     page = (folder / name / "index.html").read_text().replace('src="main.js"', 'src="built/main.js"')
     (folder / name / "index.html").write_text(page.replace("<script", f"{EXTERNAL}<script"))
-    shutil.copy(BROWSER / "bundle.mjs", folder / name)
-    command = ["node", "bundle.mjs", bundler, str(node_modules())]
-    done = subprocess.run(command, cwd=folder / name, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
+    bundle(folder / name, bundler)
     if bundler in ("esbuild", "rollup"):  # these leave addresses as they are
         shutil.copy(EXAMPLES / "clip.glb", folder / name)
         shutil.copy(stage.folder / "node_modules" / "pdeanim" / "pdeanim.wasm", folder / name / "built")
@@ -126,7 +117,6 @@ def original(stage: Stage, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def expected(stage: Stage, original: Path) -> bytes:
     """Return what the page of three.js shows of the original."""
-    needs("esbuild")
     folder = build(stage, "three", "esbuild")
     copied = shutil.copytree(folder, stage.folder / "original")
     shutil.copy(original, copied / "three")
@@ -141,7 +131,6 @@ SLOW = pytest.mark.long
     "bundler", ["esbuild", "vite", pytest.param("webpack", marks=SLOW), pytest.param("rollup", marks=SLOW)]
 )
 def test_the_page_of_three_s_looks_like_the_original(stage: Stage, expected: bytes, bundler: str) -> None:
-    needs(bundler)
     folder = stage.folder / "three-esbuild" if bundler == "esbuild" else build(stage, "three", bundler)
     shown = stage.picture(f"{folder.name}/three/index.html")
     assert stage.differ(shown, expected) < LIMIT
@@ -159,8 +148,7 @@ def test_the_page_without_a_bundler_looks_like_the_original(stage: Stage, origin
 
 
 def test_the_page_of_babylon_s_looks_like_the_original(stage: Stage, original: Path) -> None:
-    needs("esbuild")
-    needs("@babylonjs")
+    node_module("@babylonjs")
     folder = build(stage, "babylon", "esbuild")
     copied = shutil.copytree(folder, stage.folder / "babylon-original")
     shutil.copy(original, copied / "babylon")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,7 @@ from spec.extension.make_example import PATH
 from tests.browser.test_gltf_in_three import MOVED, NAME, assert_close, points_at
 from tests.formats.test_gltf_mesh_motion import changed
 from tests.support.browser_pages import GRAPHICS, READ, showing
-from tests.support.browser_tools import BROWSER, node_modules
+from tests.support.browser_tools import bundle, node_module
 from tests.support.driven_browser import Browser
 
 MAIN = """
@@ -156,22 +155,16 @@ def add_tangents(root: dict[str, Any]) -> None:
 @pytest.fixture(scope="module")
 def built(packed_player: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the page and clips."""
-    for name in ("@babylonjs", "esbuild"):
-        if not (node_modules() / name).is_dir():
-            pytest.skip(f"{name} is not here; npm install --prefix tests/browser")
     folder: Path = tmp_path_factory.mktemp("babylon")
     shutil.copytree(packed_player, folder / "node_modules" / "pdeanim")
-    (folder / "node_modules" / "@babylonjs").symlink_to(node_modules() / "@babylonjs")
+    (folder / "node_modules" / "@babylonjs").symlink_to(node_module("@babylonjs"))
     (folder / "main.js").write_text(READ + MAIN)
     (folder / "index.html").write_text('<!doctype html><script type="module" src="built/main.js"></script>')
     shutil.copy(PATH, folder)
     changed(folder / "lines.glb", add_lines)
     changed(folder / "list.glb", drop_indices)
     changed(folder / "tangents.glb", add_tangents)
-    shutil.copy(BROWSER / "bundle.mjs", folder)
-    command = ["node", "bundle.mjs", "esbuild", str(node_modules())]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
+    bundle(folder, "esbuild")
     shutil.copy(packed_player / "pdeanim.wasm", folder / "built")
     return folder
 

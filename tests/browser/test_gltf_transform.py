@@ -14,7 +14,7 @@ import pytest
 
 from spec.decoder.gltf import root_of, shape_at
 from tests.formats.test_gltf_mesh_motion import changed
-from tests.support.browser_tools import assert_valid, node_modules
+from tests.support.browser_tools import assert_valid, node_module
 
 NAME = "PDECODEC_mesh_motion"
 
@@ -65,10 +65,8 @@ def test_gltf_transform_keeps_the_motion(
     site: Path, run_node: Callable[..., Any], tmp_path: Path, changes: list[str], is_reordered: bool
 ) -> None:
     for name in ("@gltf-transform", "meshoptimizer", "sharp"):
-        if not (node_modules() / name).is_dir():
-            pytest.skip(f"{name} is not here; npm install --prefix tests/browser")
         if not (site / "node_modules" / name).exists():
-            (site / "node_modules" / name).symlink_to(node_modules() / name)
+            (site / "node_modules" / name).symlink_to(node_module(name))
     original, path = changed(tmp_path / "painted.glb", add_pictures), tmp_path / "kept.glb"
     assert run_node(SCRIPT, str(original), str(path), changes) == path.stat().st_size
     assert_valid(path)

@@ -6,8 +6,6 @@ import gzip
 import importlib.util
 import json
 import re
-import shutil
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from pdecodec import Animation, encode, open_animation
 from pdecodec.mesh.arrays import Float32Array, Float64Array
 from spec.decoder import animation as independent
 from spec.vector_files import accepted_files, accepted_vectors, read_manifest, write_vectors
+from tests.support.browser_tools import BROWSER, run_node
 from tests.support.decoders import assert_close
 from tests.support.remote_server import serving
 
@@ -34,12 +33,7 @@ MAX_BYTES = 230_000
 
 def decode_in_node(jobs: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Decode files with ``tests/browser/decode.mjs``, and return the player's results."""
-    if shutil.which("node") is None:
-        pytest.skip("node is not here")
-    command = ["node", str(ROOT / "tests" / "browser" / "decode.mjs")]
-    done = subprocess.run(command, input=json.dumps(jobs), capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr
-    found: list[dict[str, Any]] = json.loads(done.stdout)
+    found: list[dict[str, Any]] = json.loads(run_node(BROWSER / "decode.mjs", given=json.dumps(jobs)))
     return found
 
 
@@ -221,11 +215,8 @@ def test_the_types_name_what_the_scripts_have() -> None:
         }
         console.log(JSON.stringify(found));
     """
-    if shutil.which("node") is None:
-        pytest.skip("node is not here")
-    command = ["node", "--input-type=module", "-e", script]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True, timeout=120)
-    for name, members in json.loads(done.stdout).items():
+    found = run_node("--input-type=module", "-e", script, folder=ROOT)
+    for name, members in json.loads(found).items():
         types = (PLAYER / f"{name}.d.ts").read_text("utf-8")
         if "extends GroupedMotion" in types:
             types += (PLAYER / "motion.d.ts").read_text("utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -18,20 +17,13 @@ from spec.accepted import with_attributes
 from spec.vector_files import accepted_files
 from tests.browser.test_view import GPU_MARGIN, two_sheets
 from tests.support.browser_pages import GRAPHICS, readme_block, showing, three_page
+from tests.support.browser_tools import BROWSER, node_module, run_node
 from tests.support.driven_browser import Browser
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def loaded(site: Path, path: Path, *steps: float | dict[str, Any]) -> dict[str, Any]:
-    script = site / "load.mjs"
-    text = (ROOT / "tests" / "browser" / "three_loader.mjs").read_text("utf-8")
-    script.write_text(text.replace("../../player/three.js", "pdeanim/three"))
-    done = subprocess.run(
-        ["node", script, path, *map(json.dumps, steps)], capture_output=True, text=True, check=False, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    script = shutil.copy(BROWSER / "three_loader.mjs", site)  # where it finds the package
+    found: dict[str, Any] = json.loads(run_node(script, path, *map(json.dumps, steps)))
     return found
 
 
@@ -177,17 +169,14 @@ def first_vertex(objects: Any, wanted: Any) -> int:
 
 
 def test_a_typescript_program_is_checked_against_the_types(site: Path, three: Path) -> None:
-    compiler = three.parent / ".bin" / "tsc"
-    if not compiler.exists():
-        pytest.skip("TypeScript is not here; npm install --prefix tests/browser")
+    compiler = node_module("typescript") / "bin" / "tsc"
     if not (site / "node_modules" / "@types").exists():
         (site / "node_modules" / "@types").symlink_to(three.parent / "@types")
-    shutil.copy(ROOT / "tests" / "browser" / "typed.ts", site)
+    shutil.copy(BROWSER / "typed.ts", site)
     options = {"strict": True, "noEmit": True, "target": "es2022", "module": "nodenext", "lib": ["es2022", "dom"]}
     project = {"compilerOptions": {**options, "types": []}, "files": ["typed.ts"]}
     (site / "tsconfig.json").write_text(json.dumps(project))
-    done = subprocess.run([compiler, "-p", site], capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stdout
+    run_node(compiler, "-p", site)
 
 
 SCENE_OF_THE_README = """

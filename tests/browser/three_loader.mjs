@@ -1,7 +1,7 @@
 // Loads a file with the loader for three.js in Node, and prints where three.js has the vertices at some times.
 import { readFile } from "node:fs/promises";
 
-import { PDEAnimLoader } from "../../player/three.js";
+import { PDEAnimLoader } from "pdeanim/three";
 
 const [path, ...steps] = process.argv.slice(2);
 const data = await readFile(path);

@@ -17,27 +17,45 @@ BROWSER = Path(__file__).resolve().parents[1] / "browser"
 CHROMIUM_NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 
 PATIENCE = 120
-"""Time limit of a browser without a graphics card [s]."""
+"""Time limit of Node, and of a browser without a graphics card [s]."""
 
 
 def node_modules() -> Path:
     """Return the folder with gltf-validator and three: PDECODEC_NODE_MODULES, or the one next to the scripts."""
-    folder = Path(os.environ.get("PDECODEC_NODE_MODULES", BROWSER / "node_modules"))
+    return Path(os.environ.get("PDECODEC_NODE_MODULES", BROWSER / "node_modules"))
+
+
+def node_module(name: str) -> Path:
+    """Return the folder of a module; skip the test if it is missing."""
+    folder = node_modules() / name
+    if not folder.is_dir():
+        pytest.skip(f"{name} is not here; npm install --prefix tests/browser")
+    return folder
+
+
+def run_node(*arguments: object, folder: Path | None = None, given: str | None = None) -> str:
+    """Run Node in a folder with text `given` as its input; return what it prints."""
     if shutil.which("node") is None:
         pytest.skip("node is not here")
-    return folder
+    command = ["node", *map(str, arguments)]
+    done = subprocess.run(
+        command, cwd=folder, input=given, env=os.environ | {"NODE_PATH": str(node_modules())},
+        capture_output=True, text=True, check=False, timeout=PATIENCE,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr + done.stdout
+    return done.stdout
+
+
+def bundle(folder: Path, bundler: str) -> None:
+    """Build the folder's ``main.js`` into its folder ``built``."""
+    node_module(bundler)
+    run_node(BROWSER / "bundle.mjs", bundler, node_modules(), folder=folder)
 
 
 def gltf_issues(path: Path) -> dict[str, Any]:
     """Return the report of Khronos' validator on a file."""
-    folder = node_modules()
-    if not (folder / "gltf-validator").is_dir():
-        pytest.skip("gltf-validator is not here; npm install --prefix tests/browser")
-    command = ["node", str(BROWSER / "validate.js"), str(path)]
-    environment = {**os.environ, "NODE_PATH": str(folder)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, timeout=PATIENCE)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
+    node_module("gltf-validator")
+    found: dict[str, Any] = json.loads(run_node(BROWSER / "validate.js", path))
     return found
 
 

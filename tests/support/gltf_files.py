@@ -36,7 +36,7 @@ def even_at_first() -> ArraySequence:
 
 def played(path: Path, times: Float64Array) -> list[PlayedMesh]:
     """Return what three.js draws of a file at times [s]."""
-    (found,) = play([(path, times.tolist())], path.parent / "profile", draw=True, patience=120)
+    (found,) = play([(path, times.tolist())], path.parent / "profile", draw=True)
     assert not isinstance(found, str), found
     return found
 
