@@ -16,6 +16,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from pdecodec import open_animation
+
+EXTENSION = "PDECODEC_mesh_motion"
+
 BEGIN, END = "<!-- sizes:begin -->", "<!-- sizes:end -->"
 
 SOURCES = {
@@ -29,25 +33,26 @@ SOURCES = {
 
 MOTION = ("--motion", "--tolerance", "1e-3", "--web")
 
-COLUMNS = ("clip", "(a) morph targets", "(b) meshopt", "(b) of 11 bits", "(c) `--motion`", "its .pdeanim")
+COLUMNS = ("clip", "(a) morph targets", "(b) meshopt", "(b) of 11 bits", "(c) `--motion`", "its .pdeanim", "REST, CONN")
 COLUMNS += ("(c) / (b)", "(c), `--no-rigid`", "(c) / (b)", "gzip: (b)", "(c)", "(c) / (b)")
 
 
-def without_images(path: Path) -> tuple[bytes, int]:
-    """Return a `.glb` file's JSON and buffer without the bytes of images, and the bytes of its motion."""
+def without_images(path: Path) -> tuple[bytes, bytes]:
+    """Return a `.glb` file's JSON and buffer without the bytes of images, and its motion."""
     data = path.read_bytes()
     length = struct.unpack_from("<I", data, 12)[0]
     text, chunk = data[20 : 20 + length], bytearray(data[28 + length :])
     root: dict[str, Any] = json.loads(text)
     views = root.get("bufferViews", [])
+    motions = [views[one["bufferView"]] for one in root.get("extensions", {}).get(EXTENSION, {}).get("motions", [])]
+    motion = b"".join(bytes(chunk[one["byteOffset"] :][: one["byteLength"]]) for one in motions)
     images = [views[one["bufferView"]] for one in root.get("images", []) if "bufferView" in one]
     for view in sorted(images, key=lambda one: -one.get("byteOffset", 0)):
         first = view.get("byteOffset", 0)
         del chunk[first : first + view["byteLength"]]
     for one in root.get("images", []):
         text = text.replace(one.get("uri", "data:").encode(), b"") if one.get("uri", "").startswith("data:") else text
-    motions = root.get("extensions", {}).get("PDECODEC_mesh_motion", {}).get("motions", [])
-    return text + chunk, sum(views[one["bufferView"]]["byteLength"] for one in motions)
+    return text + chunk, motion
 
 
 def measure(source: Path, transform: str, folder: Path) -> list[str]:
@@ -70,7 +75,11 @@ def measure(source: Path, transform: str, folder: Path) -> list[str]:
     found = [without_images(path) for path in files]
     a, b, coarse, c, moved = (len(one) for one, _ in found)
     squeezed_b, squeezed_c = (len(zlib.compress(found[index][0], 9)) for index in (1, 3))
-    sizes = [a, b, coarse, c, found[3][1]]
+    motion, repeated = found[3][1], 0
+    if motion:
+        with open_animation(motion) as coded:
+            repeated = coded.sections["REST"] + coded.sections["CONN"]
+    sizes = [a, b, coarse, c, len(motion), repeated]
     cells = [*map(_kilobytes, sizes), f"{c / b:.2f}", _kilobytes(moved), f"{moved / b:.2f}"]
     return [*cells, _kilobytes(squeezed_b), _kilobytes(squeezed_c), f"{squeezed_c / squeezed_b:.2f}"]
 

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import base64
 import copy
-import importlib
+import hashlib
 import io
-import math
 import shutil
 import tempfile
 import zlib
-from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.errors import MissingExtraError
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
 from pdecodec.formats.gltf.file import (
     CHUNK_HEADER,
@@ -28,17 +26,10 @@ from pdecodec.formats.gltf.file import (
     GltfFile,
     json_bytes,
 )
-from pdecodec.mesh.arrays import Float32Array
+from pdecodec.formats.gltf.packing import Coded, Packer, exponential, octahedral, quaternions
+from pdecodec.mesh.arrays import Float32Array, Int64Array
 
 QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
-
-
-MESHOPT_VERTEX_VERSION, MESHOPT_STRIDE = 0, 256
-"""Version of meshoptimizer's vertex codec that the extension prescribes, and its longest rows [bytes]."""
-
-
-MANTISSA_BITS, EXPONENT_RANGE = 23, (-100, 100)
-"""Bits without the sign, and exponents, that meshoptimizer's exponential filter can hold."""
 
 
 VERTEX_DATA, INDEX_DATA = 34962, 34963
@@ -48,13 +39,38 @@ VERTEX_DATA, INDEX_DATA = 34962, 34963
 HELD_BYTES, COPIED_BYTES = 2**22, 3 * 2**18
 """Bytes of data that are held in memory before they go to a temporary file, and bytes that are copied at once."""
 
-Coded = tuple[str, NDArray[Any]]
-"""A filter of meshoptimizer, and rows in its form."""
-
-_SMALLEST_DIVISOR = float(np.finfo(np.float64).tiny)
+SHARED_BYTES = 2**20
+"""Bytes of rows that are compressed as one buffer view; they are held in memory until then."""
 
 _ALIGNMENT = 4
 """Parts of a file begin at multiples of this [bytes]."""
+
+
+@dataclass
+class _SharedView:
+    """A buffer view for rows of several accessors, which are compressed together.
+
+    Attributes
+    ----------
+    index : int
+        Its index in the file.
+    entry : dict
+    filter : str or None
+        The filter of meshoptimizer that `coded` is in the form of.
+    is_triangles : bool
+    rows, coded : list of array
+        Rows as viewers see them, and in the form in which they are compressed.
+    size : int
+        Size of the rows [bytes].
+    """
+
+    index: int
+    entry: dict[str, Any]
+    filter: str | None
+    is_triangles: bool
+    rows: list[NDArray[Any]] = field(default_factory=list)
+    coded: list[NDArray[Any]] = field(default_factory=list)
+    size: int = 0
 
 
 class GltfBuilder:
@@ -80,21 +96,17 @@ class GltfBuilder:
         self._folder = folder
         self._unpacked = 0
         self._others: list[dict[str, Any]] = []
-        self._encoder: Any = None
+        self._packer = Packer() if meshopt else None
+        self._shared: dict[tuple[object, ...], _SharedView] = {}
+        self._places: dict[bytes, dict[str, int]] = {}
+        self._accessors: dict[str, int] = {}
         if meshopt:
-            try:
-                self._encoder = importlib.import_module("meshoptimizer")
-            except ModuleNotFoundError as error:
-                raise MissingExtraError(
-                    "compression of glTF needs the package meshoptimizer; run: pip install 'pdecodec[gltf]'"
-                ) from error
-            self._encoder.encode_vertex_version(MESHOPT_VERTEX_VERSION)
             self.require(MESHOPT)
 
     @property
-    def is_compressed(self) -> bool:
-        """Whether meshoptimizer compresses the data."""
-        return self._encoder is not None
+    def packer(self) -> Packer | None:
+        """What compresses the data."""
+        return self._packer
 
     def begin_with(self, file: GltfFile) -> None:
         """Start with everything that an existing file holds, its buffers joined to one. Call this before adding
@@ -134,38 +146,70 @@ class GltfBuilder:
         entries.append(entry)
         return len(entries) - 1
 
-    def view(
+    def view(self, data: NDArray[Any], target: int | None = None) -> int:
+        """Add a buffer view with one row per item of an array, uncompressed, and return its index."""
+        entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
+        if target is not None:
+            entry["target"] = target
+        if data.ndim == 2 and data.dtype.kind in "iu":
+            # Rows are padded to multiples of four bytes, so the stride has to be declared.
+            entry["byteStride"] = data.nbytes // max(1, len(data))
+        entry["byteOffset"] = self._append(np.ascontiguousarray(data).data)
+        return self.add("bufferViews", entry)
+
+    def _place(
         self,
         data: NDArray[Any],
         target: int | None = None,
         *,
         triangles: bool = False,
         coded: Coded | None = None,
-    ) -> int:
-        """Add a buffer view with one row per item of an array and return its index.
+    ) -> dict[str, int]:
+        """Add one row per item of an array; return the members of an accessor that say where they are.
 
-        If `triangles` is true, compression may rotate the order of each triangle's corners. `coded` names a
-        filter of meshoptimizer, and what is compressed in its form in place of `data`.
+        Compressed, rows of one kind share a buffer view, and equal rows are stored once. If `triangles` is true,
+        compression may rotate the order of each triangle's corners. `coded` names a filter of meshoptimizer, and
+        what is compressed in its form in place of `data`.
         """
-        entry: dict[str, Any] = {"buffer": 0, "byteLength": data.nbytes}
-        stride = data.nbytes // max(1, len(data))
-        if target is not None:
-            entry["target"] = target
-        if data.ndim == 2 and data.dtype.kind in "iu":
-            # Rows are padded to multiples of four bytes, so the stride has to be declared.
-            entry["byteStride"] = stride
-        packed = self._packed(data if coded is None else coded[1], stride, triangles=triangles)
+        if self._packer is None or not data.size:
+            return {"bufferView": self.view(data, target)}
+        name, rows = coded or (None, data)
+        stride = data.nbytes // len(data)
+        kind = (data.dtype.str, data.shape[1:], target, triangles, name)
+        digest = hashlib.sha256(repr(kind).encode() + data.tobytes()).digest()
+        if digest in self._places:
+            return self._places[digest]
+        view = self._shared.get(kind)
+        if view is None:
+            entry: dict[str, Any] = {}
+            if data.ndim == 2 and target == VERTEX_DATA:
+                entry["byteStride"] = stride
+            view = self._shared[kind] = _SharedView(self.add("bufferViews", entry), entry, name, triangles)
+        self._places[digest] = {"bufferView": view.index, **({"byteOffset": view.size} if view.size else {})}
+        view.rows.append(data)
+        view.coded.append(rows)
+        view.size += data.nbytes
+        if view.size >= SHARED_BYTES:
+            self._compress(self._shared.pop(kind))
+        return self._places[digest]
+
+    def _compress(self, view: _SharedView) -> None:
+        """Write the rows of a shared buffer view."""
+        assert self._packer is not None
+        data, rows = np.concatenate(view.rows), np.concatenate(view.coded)
+        packed = self._packer.pack(rows, triangles=view.is_triangles)
         if packed is None:
-            entry["byteOffset"] = self._append(np.ascontiguousarray(data).data)
-        else:
-            mode, found = packed
-            entry |= {"buffer": 1 + len(self._others), "byteOffset": self._unpacked}
-            self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
-            place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
-            entry["extensions"] = {MESHOPT: {**place, "byteStride": stride, "count": len(data), "mode": mode}}
-            if coded is not None:
-                entry["extensions"][MESHOPT]["filter"] = coded[0]
-        return self.add("bufferViews", entry)
+            view.entry |= {"buffer": 0, "byteLength": data.nbytes, "byteOffset": self._append(data.data)}
+            return
+        mode, found = packed
+        view.entry |= {"buffer": 1 + len(self._others), "byteLength": data.nbytes, "byteOffset": self._unpacked}
+        self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
+        place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
+        view.entry["extensions"] = {
+            MESHOPT: {**place, "byteStride": data.nbytes // len(data), "count": len(data), "mode": mode}
+        }
+        if view.filter is not None:
+            view.entry["extensions"][MESHOPT]["filter"] = view.filter
 
     def _append(self, data: bytes | memoryview) -> int:
         self._data.write(bytes(-self._data.tell() % _ALIGNMENT))
@@ -176,19 +220,10 @@ class GltfBuilder:
             self._data.write(held.getbuffer())
         return offset
 
-    def _packed(self, data: NDArray[Any], stride: int, *, triangles: bool) -> tuple[str, bytes] | None:
-        """Return the mode and bytes of compressed rows; None if compression does not make them smaller."""
-        if self._encoder is None or not data.size:
-            return None
-        found: bytes
-        if data.ndim == 1 and data.dtype.kind == "u" and stride in (2, 4):
-            encode = self._encoder.encode_index_buffer if triangles else self._encoder.encode_index_sequence
-            mode, found = "TRIANGLES" if triangles else "INDICES", encode(data.astype(np.uint32))
-        elif stride % 4 == 0 and stride <= MESHOPT_STRIDE:
-            mode, found = "ATTRIBUTES", self._encoder.encode_vertex_buffer(data, len(data), stride)
-        else:
-            return None
-        return (mode, found) if len(found) < data.nbytes else None
+    def numbers(self, values: ArrayLike) -> list[float]:
+        """Return float32 numbers for the JSON; compressed, with the fewest digits that tell them apart."""
+        rows = np.asarray(values, np.float32).reshape(-1)
+        return rows.tolist() if self._packer is None else [float(str(one)) for one in rows]
 
     def floats(
         self,
@@ -200,57 +235,39 @@ class GltfBuilder:
     ) -> int:
         """Add an accessor of float32 rows, on request with their minimum and maximum, and return its index.
 
-        `coded` is as for :meth:`view`.
+        `coded` is the filter of meshoptimizer that the rows are compressed with, and the rows in its form.
         """
         rows = np.ascontiguousarray(values, "<f4")
         table = rows.reshape(len(rows), -1) if rows.size else rows.reshape(len(rows), 1)
-        limits = {"min": table.min(axis=0).tolist(), "max": table.max(axis=0).tolist()} if bounds else {}
+        limits = {"min": self.numbers(table.min(axis=0)), "max": self.numbers(table.max(axis=0))} if bounds else {}
         kind = next(name for name, numbers in WIDTHS.items() if numbers == table.shape[1])
-        return self._accessor("<f4", len(rows), kind, bufferView=self.view(rows, target, coded=coded), **limits)
+        return self._accessor("<f4", len(rows), kind, **self._place(rows, target, coded=coded), **limits)
 
-    def rounded(self, values: ArrayLike, step: float, *, target: int | None = None, bounds: bool = False) -> int:
-        """Add an accessor of float32 rows (n, k) like :meth:`floats`, rounded if that makes compression better.
+    def rounded(self, values: ArrayLike, step: float | None, *, target: int | None = None, bounds: bool = False) -> int:
+        """Add an accessor of float32 rows (n, k) like :meth:`floats`; compressed, they are rounded to a step.
 
         Values become multiples of the power of two at or below `step`, or of a larger one if they need too many digits.
         """
-        rows = np.asarray(values, np.float32)
-        if self._encoder is None or not rows.size or not np.isfinite(rows).all():
-            return self.floats(rows, target=target, bounds=bounds)
-        needed = math.frexp(float(np.abs(rows).max()))[1] - MANTISSA_BITS + 1
-        exponent = min(max(math.frexp(step)[1] - 1, needed, EXPONENT_RANGE[0]), EXPONENT_RANGE[1])
-        wholes = np.rint(np.ldexp(rows.astype(np.float64), -exponent)).astype(np.int32)
-        coded = np.uint32((exponent & 0xFF) << 24) | (wholes & 0xFFFFFF).astype("<u4")
-        found = np.ldexp(wholes.astype(np.float64), exponent)
-        return self.floats(found, target=target, bounds=bounds, coded=("EXPONENTIAL", coded))
+        rows, coded = np.asarray(values, np.float32), None
+        if step is not None and self._packer is not None and rows.size and np.isfinite(rows).all():
+            rows, coded = exponential(rows, step)
+        return self.floats(rows, target=target, bounds=bounds, coded=coded)
 
-    def directions(self, normals: Float32Array) -> int:
-        """Add an accessor of unit vectors (n, 3) of 8 bits; compressed, they are points of an octahedron."""
-        if self._encoder is None:
-            return self.fractions(normals, "<i1", target=VERTEX_DATA)
-        rows = normals.astype(np.float64) / np.maximum(np.abs(normals).sum(axis=1, keepdims=True), _SMALLEST_DIVISOR)
-        x, y, z = rows.T
-        folded = [np.where(z < 0, np.where(a < 0, -1, 1) * (1 - np.abs(b)), a) for a, b in ((x, y), (y, x))]
-        coded = np.zeros((len(rows), 4), np.int8)
-        coded[:, :2], coded[:, 2] = np.rint(np.stack(folded, axis=1) * 127), 127
-        return self.fractions(normals, "<i1", target=VERTEX_DATA, coded=("OCTAHEDRAL", coded))
+    def directions(self, normals: Float32Array) -> tuple[int, NDArray[np.floating]]:
+        """Add an accessor of unit vectors (n, 3) of 8 bits; compressed, they are points of an octahedron.
 
-    def compressed_size(self, points: Float32Array, triangles: Sequence[NDArray[np.integer]]) -> int:
-        """Return the bytes of positions (n, 3), rounded to 12 bits, and of the indices of triangles."""
-        low, size = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
-        rows = np.zeros((len(points), 4), "<u2")
-        rows[:, :3] = np.rint((points.astype(np.float64) - low) * (4095 / size))
-        indices = (np.ascontiguousarray(one.reshape(-1), np.uint32) for one in triangles)
-        found = [self._encoder.encode_vertex_buffer(rows, len(rows), rows.itemsize * 4)]
-        return sum(map(len, [*found, *(self._encoder.encode_index_buffer(one) for one in indices)]))
+        Return its index, and the vectors as they are stored.
+        """
+        if self._packer is None:
+            found = np.rint(normals * 127) / 127
+            return self.fractions(normals, "<i1", target=VERTEX_DATA), found
+        found, coded = octahedral(normals)
+        return self.fractions(found, "<i1", target=VERTEX_DATA, coded=coded), found
 
-    def strips(self, triangles: NDArray[np.integer], rows: int) -> NDArray[np.integer]:
-        """Return triangles (n, 3) of `rows` vertices in an order that compression prefers, flattened."""
-        flat = np.ascontiguousarray(triangles.reshape(-1), np.uint32)
-        found = np.zeros_like(flat)
-        if self._encoder is None or not flat.size:
-            return flat
-        self._encoder.optimize_vertex_cache_strip(found, flat, flat.size, rows)
-        return found
+    def turns(self, values: Float32Array, largest_angle: float) -> int:
+        """Add an accessor of unit quaternions (n, 4); compressed, rounded by at most an angle [radians]."""
+        found = None if self._packer is None else quaternions(values, largest_angle)
+        return self.floats(values) if found is None else self.fractions(found[0], "<i2", coded=found[1])
 
     def fractions(
         self,
@@ -261,28 +278,29 @@ class GltfBuilder:
         bounds: bool = False,
         coded: Coded | None = None,
     ) -> int:
-        """Add an accessor of values (n,) or (n, 3) in [-1, 1], stored as normalised integers, and return its index."""
+        """Add an accessor of values (n,), (n, 3) or (n, 4) in [-1, 1], stored as normalised integers.
+
+        Return its index.
+        """
         numbers = np.rint(np.asarray(values, np.float64) * np.iinfo(dtype).max).astype(dtype)
         limits = {"min": numbers.min(axis=0).tolist(), "max": numbers.max(axis=0).tolist()} if bounds else {}
+        rows, kind = numbers, "SCALAR"
         if numbers.ndim == 2:
             # Rows of vertex data must begin at multiples of four bytes.
-            rows = np.zeros((len(numbers), 4), dtype)
-            rows[:, :3] = numbers
-            view = self.view(rows, target, coded=coded)
-        else:
-            view = self.view(numbers)
-        kind = "VEC3" if numbers.ndim == 2 else "SCALAR"
-        return self._accessor(dtype, len(numbers), kind, bufferView=view, normalized=True, **limits)
+            rows, kind = np.zeros((len(numbers), 4), dtype), f"VEC{numbers.shape[1]}"
+            rows[:, : numbers.shape[1]] = numbers
+        place = self._place(rows, target, coded=coded)
+        return self._accessor(dtype, len(numbers), kind, **place, normalized=True, **limits)
 
     def influences(self, joints: NDArray[np.integer]) -> dict[str, int]:
         """Add accessors that bind each vertex (n,) to one joint; return them by attribute name."""
         dtype = "<u1" if joints.max(initial=0) <= np.iinfo(np.uint8).max else "<u2"
         rows, shares = np.zeros((len(joints), 4), dtype), np.zeros((len(joints), 4), np.uint8)
         rows[:, 0], shares[:, 0] = joints, np.iinfo(np.uint8).max
-        views = self.view(rows, VERTEX_DATA), self.view(shares, VERTEX_DATA)
+        bound, strengths = self._place(rows, VERTEX_DATA), self._place(shares, VERTEX_DATA)
         return {
-            "JOINTS_0": self._accessor(dtype, len(rows), "VEC4", bufferView=views[0]),
-            "WEIGHTS_0": self._accessor("<u1", len(rows), "VEC4", bufferView=views[1], normalized=True),
+            "JOINTS_0": self._accessor(dtype, len(rows), "VEC4", **bound),
+            "WEIGHTS_0": self._accessor("<u1", len(rows), "VEC4", **strengths, normalized=True),
         }
 
     def zeros(self, count: int) -> int:
@@ -294,8 +312,15 @@ class GltfBuilder:
         numbers = np.asarray(values)
         # The largest value of a type is reserved (it restarts primitives), so no vertex may have it as index.
         dtype = "<u2" if numbers.max(initial=0) < np.iinfo(np.uint16).max else "<u4"
-        view = self.view(np.ascontiguousarray(numbers, dtype), target, triangles=triangles)
-        return self._accessor(dtype, numbers.size, "SCALAR", bufferView=view)
+        place = self._place(np.ascontiguousarray(numbers, dtype), target, triangles=triangles)
+        return self._accessor(dtype, numbers.size, "SCALAR", **place)
+
+    def numbering(self, values: Int64Array) -> int:
+        """Add an accessor of unsigned integers that mostly grow by little, of 32 bits if compression prefers them."""
+        wide = np.ascontiguousarray(values, "<u4")
+        if self._packer is None or not wide.size or self._packer.numbering(wide)[0] != "ATTRIBUTES":
+            return self.integers(values)
+        return self._accessor("<u4", wide.size, "SCALAR", **self._place(wide))
 
     def unit_rows(self, frames: int, *, ones_at_end: bool = False) -> int:
         """Add a sparse accessor of ``frames x (frames - 1)`` zeros, with a one at k - 1 in each row k > 0.
@@ -308,14 +333,19 @@ class GltfBuilder:
             places = np.stack([places, np.arange(2, frames + 1) * width - 1], axis=1).reshape(-1)
         sparse = {
             "count": places.size,
-            "indices": {"bufferView": self.view(places.astype("<u4")), "componentType": _component("<u4")},
-            "values": {"bufferView": self.view(np.ones(places.size, "<f4"))},
+            "indices": {**self._place(places.astype("<u4")), "componentType": _component("<u4")},
+            "values": self._place(np.ones(places.size, "<f4")),
         }
         return self._accessor("<f4", frames * width, "SCALAR", sparse=sparse)
 
     def _accessor(self, dtype: str, count: int, kind: str, **entry: Any) -> int:
-        found = {"componentType": _component(dtype), "count": count, "type": kind}
-        return self.add("accessors", {**entry, **found})
+        found = {**entry, "componentType": _component(dtype), "count": count, "type": kind}
+        if self._packer is None:
+            return self.add("accessors", found)
+        key = repr(found)
+        if key not in self._accessors:
+            self._accessors[key] = self.add("accessors", found)
+        return self._accessors[key]
 
     def close(self) -> None:
         """Discard the data."""
@@ -323,6 +353,8 @@ class GltfBuilder:
 
     def save(self, path: Path, *, as_text: bool = False) -> None:
         """Write the file as a GLB, or as JSON with its buffer in base64."""
+        while self._shared:
+            self._compress(self._shared.pop(next(iter(self._shared))))
         self._data.write(bytes(-self._data.tell() % _ALIGNMENT if not as_text else 0))
         length = self._data.tell()
         uri = {"uri": "data:application/octet-stream;base64,"} if as_text else {}

@@ -31,11 +31,8 @@ from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence, Progr
 BOX_DIGITS = 3
 """Decimal digits of the largest coordinate to which boxes are rounded, outwards."""
 
-STEP_BOUNDS = 0.5
-"""Step to which the shape at rest is rounded [bounds]; its error is 0.43 bounds at most."""
-
-UNBOUNDED_STEPS = 2**14
-"""Number of steps in the size of a scene whose motion has no bound."""
+UNBOUNDED_RATIO = 2.0**-15
+"""Bound to which shapes are rounded if the motion has none, as a ratio to the size of the scene."""
 
 STEPS_BETWEEN_FRAMES = 2
 """Times per frame at which positions are evaluated for a box: splines overshoot a little between frames."""
@@ -66,26 +63,13 @@ class CodedRows:
         """Add the map of rows, which are copies of vertices `sources`, unless each row has its own number."""
         numbers = self.numbers[sources]
         is_plain = np.array_equal(numbers, np.arange(numbers.size))
-        return {} if is_plain else {"vertexMap": builder.integers(numbers)}
+        return {} if is_plain else {"vertexMap": builder.numbering(numbers)}
 
     def add_to(self, primitive: dict[str, Any], row_map: dict[str, int]) -> None:
         """Give a primitive the extension; `row_map` has its member ``vertexMap``, if there is one."""
         first = {"firstVertex": self.first} if self.first else {}
         primitive.setdefault("extensions", {})[MESH_MOTION] = {"motion": 0, **first, **row_map}
         self.primitives.append(primitive)
-
-
-@dataclass(frozen=True)
-class Delivery:
-    """How meshes are written that are there to be shown: without a record of the original faces and seams.
-
-    Attributes
-    ----------
-    step : float or None [scene units]
-        To which the shape at rest may be rounded; None: nothing is rounded.
-    """
-
-    step: float | None
 
 
 class MotionWriter:
@@ -108,7 +92,7 @@ class MotionWriter:
         self.stored = sequence if isinstance(sequence, Animation) and is_stored(sequence, settings) else None
         scale = frame_scale(sequence.read_frames(0, 1)[0])
         self._bound = settings.bound(scale) if self.stored is None else bound_of(self.stored)
-        self.step = STEP_BOUNDS * (self._bound or scale / UNBOUNDED_STEPS)
+        self.shape_bound = self._bound or scale * UNBOUNDED_RATIO
         self._objects: list[MeshObject] = []
         self._vertices = 0
         self._parts: list[tuple[Float32Array, Int64Array]] = []
@@ -141,21 +125,12 @@ class MotionWriter:
             welded[part.line_indices].astype(np.int32),
         )
         (order,) = coded_orders([shape])
-        vertices = np.arange(leaders.size) if order is None else order.vertices.astype(np.int64)
-        faces = np.arange(part.face_count) if order is None else order.faces.astype(np.int64)
-        corners = np.arange(part.face_indices.size) if order is None else order.corners.astype(np.int64)
-        number, ranks = np.empty(leaders.size, np.int64), np.empty(part.face_count, np.int64)
-        number[vertices], ranks[faces] = np.arange(leaders.size), np.arange(part.face_count)
-        coded = Connectivity(
-            leaders.size,
-            shape.face_counts[faces],
-            number[shape.face_indices[corners]].astype(np.int32),
-            shape.line_counts,
-            number[shape.line_indices].astype(np.int32),
-        )
-        self._objects.append(MeshObject(item.name, coded))
-        self._vertices += coded.vertex_count
-        self._parts.append((frames, leaders[vertices]))
+        number, ranks = np.arange(leaders.size), np.arange(part.face_count)
+        if order is not None:
+            number[order.vertices], ranks[order.faces] = np.arange(leaders.size), np.arange(part.face_count)
+        self._objects.append(MeshObject(item.name, shape))
+        self._vertices += shape.vertex_count
+        self._parts.append((frames, leaders))
         self._rows.append(CodedRows(first, number[welded], ranks))
         return self._rows[-1]
 
@@ -171,7 +146,7 @@ class MotionWriter:
             data = self.stored.motion_alone()
         else:
             settings = dataclasses.replace(
-                self._settings, tolerance=None, max_error=self._bound, order="keep", scene="drop"
+                self._settings, tolerance=None, max_error=self._bound, order="free", scene="drop"
             )
             report = encode(
                 _Parts(self._sequence, self._objects, self._parts), settings=settings, progress=self._progress
@@ -224,7 +199,7 @@ def is_stored(sequence: MeshSequence, settings: EncodeSettings | None) -> bool:
 
 
 class _Parts(MeshSequence):
-    """The welded objects, in the order of the codec."""
+    """The welded objects."""
 
     def __init__(
         self, source: MeshSequence, objects: Sequence[MeshObject], parts: Sequence[tuple[Float32Array, Int64Array]]

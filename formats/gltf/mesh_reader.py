@@ -234,8 +234,13 @@ class _Reader:
 
     def _vertex_attributes(self, connectivity: Connectivity) -> list[Attribute]:
         """Return UVs, colours and normals of the primitives that have them."""
+        names = {name for source in self._sources for name in source.accessors}
         found = []
-        for name in sorted({name for source in self._sources for name in source.accessors}):
+        # glTF shades triangles without normals flat.
+        of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
+        if "NORMAL" not in names and np.bincount(connectivity.face_indices, minlength=1).max() > 1:
+            found.append(normal_group(connectivity, of_corner))
+        for name in sorted(names):
             if not name.startswith(("TEXCOORD_", "COLOR_", "NORMAL")):
                 if not name.startswith(("POSITION", "JOINTS_", "WEIGHTS_", "TANGENT")):
                     self._left_out[name] = None
@@ -248,8 +253,6 @@ class _Reader:
             )
             if name == "NORMAL":
                 if connectivity.face_count:
-                    # glTF shades triangles without normals flat.
-                    of_corner = np.repeat(np.arange(1, connectivity.face_count + 1), connectivity.face_counts)
                     keys = np.where(has[connectivity.face_indices], 0, of_corner)
                     found.append(normal_group(connectivity, None if has.all() else keys))
                     if (shared := normals_shared_by(self._blocks, self._sources)) is not None:

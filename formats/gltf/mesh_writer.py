@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from pdecodec.formats.base.normals import NormalRows, group_attribute, shared_at
 from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA, GltfBuilder, encode_integers
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.inventory import GROUPS
-from pdecodec.formats.gltf.mesh_motion import CodedRows, Delivery
 from pdecodec.formats.gltf.motion import Lattice, Motion
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
@@ -78,48 +77,27 @@ def _points_of(item: MeshObject) -> list[Attribute]:
     return [one for one in found if one.values.ndim == 1 and one.values.dtype.kind in "iu"]
 
 
-def write_mesh(
-    builder: GltfBuilder,
-    item: MeshObject,
-    motion: Motion,
-    rows: NormalRows | None,
-    material: Callable[[str], int],
-    lattice: Lattice | None = None,
-    joints: Int64Array | None = None,
-    coded: CodedRows | None = None,
-    delivery: Delivery | None = None,
-) -> int:
-    """Write a mesh and return its index.
+class Part(NamedTuple):
+    """A primitive: its mode, the rows that it draws, the names of its material and face sets, if it has normals."""
+
+    mode: int
+    indices: NDArray[Any] | None
+    material: str | None = None
+    groups: Sequence[str] = ()
+    has_normals: bool = True
+
+
+class MeshWriter:
+    """A mesh that is being written: its vertices, their attributes, and the primitives that draw them.
 
     Parameters
     ----------
     builder, item, motion
     rows : NormalRows or None
         Normals of the object. If `motion` has none, only their grouping is recorded.
-    material : callable
-        Returns the index of the material with a name.
     lattice : Lattice, optional
         Store positions and normals at rest as 16-bit fractions, and normals of targets in 8 bits if they are small
         enough.
-    joints : (vertices,) int64, optional
-        Joint of the skin that moves each vertex.
-    coded : CodedRows, optional
-        Order the mesh as the `.pdeanim` file that moves it, and give its primitives the extension.
-    delivery : Delivery, optional
-        Do not record the original structure. Compressed, rows and triangles stand in the order that suits it best.
-    """
-    return _MeshWriter(builder, item, motion, rows, lattice, coded, delivery).write(material, joints)
-
-
-UV_STEP = 2.0**-12
-"""Step to which texture coordinates are rounded, as gltf-transform does: an eighth of a texel of 512."""
-
-_Part = tuple[int, Any, str | None, Sequence[str]]
-"""Mode, rows, name of the material and names of face sets of a primitive."""
-
-
-class _MeshWriter:
-    """A mesh that is being written: its vertices, their attributes, and the primitives that draw them.
 
     Attributes
     ----------
@@ -139,138 +117,129 @@ class _MeshWriter:
         item: MeshObject,
         motion: Motion,
         rows: NormalRows | None,
-        lattice: Lattice | None,
-        coded: CodedRows | None,
-        delivery: Delivery | None,
+        lattice: Lattice | None = None,
     ) -> None:
         self._builder, self._item, self._motion, self._rows, self._lattice = builder, item, motion, rows, lattice
-        self._coded, self._delivery = coded, delivery
-        self._step = None if delivery is None else delivery.step
         self._uv_sets, self._colors = uv_sets(item), _held_colors(item)
         columns = [uv.values if uv.indices is None else uv.indices for uv in self._uv_sets]
-        if rows is not None and motion.normals is not None and not rows.is_smooth:
-            columns.append(rows.corner_rows)
+        columns += self._normal_columns()
         columns += [values for color, values in self._colors if color.domain != "vertex"]
         self.sources, self.corner_rows = _split_vertices(item.connectivity, columns)
         self.vertex_rows = np.arange(item.vertex_count)
-        if coded is not None:
-            self._reorder(np.argsort(coded.numbers[self.sources], kind="stable"))
         self.notes: dict[str, Any] = {"vertices": item.vertex_count}
 
-    def write(self, material: Callable[[str], int], joints: Int64Array | None) -> int:
-        """Write the mesh and return its index."""
-        if self._lattice is not None or self._step is not None:
+    def write(self, material: Callable[[str], int], joints: Int64Array | None = None) -> int:
+        """Write the mesh and return its index.
+
+        Parameters
+        ----------
+        material : callable
+            Returns the index of the material with a name.
+        joints : (vertices,) int64, optional
+            Joint of the skin that moves each vertex.
+        """
+        if self._lattice is not None:
             self._builder.require(QUANTIZATION)
-        parts = list(self._parts(len(self._motion.targets)))
-        if self._delivery is not None:
-            parts = self._in_strips(parts)
-        attributes, morphs = self._attributes(), self._morphs()
-        attributes |= {} if joints is None else self._builder.influences(joints[self.sources])
-        self._add_normals(attributes, morphs)
-        common = {"targets": morphs} if morphs else {}
-        row_map = {} if self._coded is None else self._coded.row_map(self._builder, self.sources)
         drawn: list[tuple[int, NDArray[Any]]] = []
         primitives: list[dict[str, Any]] = []
-        for mode, indices, label, groups in parts:
-            primitive: dict[str, Any] = {"attributes": attributes, "mode": mode}
-            drawn.append((mode, np.arange(self.sources.size) if indices is None else indices))
-            if indices is not None:
-                is_triangles = mode == TRIANGLES
-                primitive["indices"] = self._builder.integers(indices, target=INDEX_DATA, triangles=is_triangles)
-            if label is not None:
-                primitive["material"] = material(label)
-            if groups:
-                primitive["extras"] = {GROUPS: list(groups)}
-            primitives.append(primitive | common)
-            if self._coded is not None:
-                self._coded.add_to(primitives[-1], row_map)
-        mesh: dict[str, Any] = {"primitives": primitives}
-        if self._delivery is None:
-            _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
-            self.notes["of"] = fingerprint(self.sources.size, drawn)
-            mesh["extras"] = {"pdecodec": self.notes}
+        morphs: list[dict[str, int]] = []
+        for own, parts in self._batches(list(self._parts(len(self._motion.targets)))):
+            attributes, morphs = self._attributes(own), self._morphs(own)
+            attributes |= {} if joints is None else self._builder.influences(joints[self.sources[own]])
+            if parts[0].has_normals:
+                self._add_normals(attributes, morphs, own)
+            common = {"targets": morphs} if morphs else {}
+            for part in parts:
+                primitive = {"attributes": attributes, **self._draw(part, own.size)}
+                drawn.append((part.mode, np.arange(own.size) if part.indices is None else part.indices))
+                if part.material is not None:
+                    primitive["material"] = material(part.material)
+                if part.groups:
+                    primitive["extras"] = {GROUPS: list(part.groups)}
+                primitives.append(primitive | common)
+            self._finish(primitives[-len(parts) :], own)
+        mesh: dict[str, Any] = {"primitives": primitives, **self._extras(drawn)}
         if morphs:
             mesh["weights"] = self._motion.first_weights
         return self._builder.add("meshes", mesh)
 
-    def _reorder(self, order: Int64Array) -> None:
-        """Put rows in another order, (rows,)."""
-        rank = np.empty_like(order)
-        rank[order] = np.arange(order.size)
-        self.sources, self.corner_rows, self.vertex_rows = (
-            self.sources[order],
-            rank[self.corner_rows],
-            rank[self.vertex_rows],
-        )
+    def _normal_columns(self) -> list[NDArray[Any]]:
+        """Return the number of each corner's normal, (corners,), if vertices have several."""
+        rows = self._rows
+        return [] if rows is None or self._motion.normals is None or rows.is_smooth else [rows.corner_rows]
 
-    def _in_strips(self, parts: list[_Part]) -> list[_Part]:
-        """Order triangles as strips, and rows as they are first drawn, if that makes compression better."""
-        if not self._builder.is_compressed:
-            return parts
-        rows, add = self.sources.size, self._builder
-        drawn: list[_Part] = []
-        for mode, indices, label, groups in parts:
-            every = np.arange(rows) if indices is None else indices
-            drawn.append(
-                (mode, add.strips(every, rows).astype(np.int64) if mode == TRIANGLES else every, label, groups)
-            )
-        used, first = np.unique(np.concatenate([*(one[1] for one in drawn), np.arange(rows)]), return_index=True)
-        order = used[np.argsort(first)]
-        rank, points = np.argsort(order), self._motion.rest[self.sources]
-        drawn = [(mode, rank[indices], label, groups) for mode, indices, label, groups in drawn]
-        before, after = (
-            add.compressed_size(rest, [indices for mode, indices, *_ in one if mode == TRIANGLES])
-            for rest, one in ((points, parts), (points[order], drawn))
-        )
-        if after >= before:
-            return parts
-        self._reorder(order)
-        return drawn
+    def _batches(self, parts: list[Part]) -> list[tuple[Int64Array, list[Part]]]:
+        """Return the rows of attributes that primitives share, and these primitives."""
+        return [(np.arange(self.sources.size), parts)]
 
-    def _attributes(self) -> dict[str, int]:
-        """Add accessors of positions, texture coordinates and colours; return them by attribute name."""
-        found = {"POSITION": self._positions(self._motion.rest, self._lattice)}
-        rows = self.sources.size
+    def _draw(self, part: Part, rows: int) -> dict[str, Any]:
+        """Return the mode of a primitive that has so many rows, and its indices."""
+        if part.indices is None:
+            return {"mode": part.mode}
+        is_triangles = part.mode == TRIANGLES
+        return {
+            "mode": part.mode,
+            "indices": self._builder.integers(part.indices, target=INDEX_DATA, triangles=is_triangles),
+        }
+
+    def _finish(self, primitives: Sequence[dict[str, Any]], own: Int64Array) -> None:
+        """Complete primitives that have some rows."""
+
+    def _extras(self, drawn: Sequence[tuple[int, NDArray[Any]]]) -> dict[str, Any]:
+        """Return the ``extras`` of a mesh that draws rows in some modes."""
+        _note_connectivity(self._item.connectivity, self.corner_rows, self.notes)
+        self.notes["of"] = fingerprint(self.sources.size, drawn)
+        return {"extras": {"pdecodec": self.notes}}
+
+    def _attributes(self, own: Int64Array) -> dict[str, int]:
+        """Add accessors of positions, texture coordinates and colours of some rows; return them by attribute name."""
+        found = {"POSITION": self._positions(self._motion.rest, self._lattice, own)}
         for number, uv in enumerate(self._uv_sets):
-            values = _uv_rows(uv, self.corner_rows, rows, self.notes)
-            found[f"TEXCOORD_{number}"] = self._floats(values, None if self._step is None else UV_STEP)
+            values = uv_rows(uv, self.corner_rows, self.sources.size, self.notes)
+            found[f"TEXCOORD_{number}"] = self._texture_coordinates(values[own])
             self.notes["uvs"][uv.name]["accessor"] = f"TEXCOORD_{number}"
         for number, (color, values) in enumerate(self._colors):
-            if color.domain == "vertex":
-                by_row = values[self.sources]
-            else:
-                by_row = np.zeros((rows, values.shape[1]), np.float32)
-                by_row[self.corner_rows] = values
-            found[f"COLOR_{number}"] = self._builder.floats(by_row, target=VERTEX_DATA)
+            found[f"COLOR_{number}"] = self._builder.floats(self._color_rows(color, values)[own], target=VERTEX_DATA)
             noted = {"accessor": f"COLOR_{number}", "domain": color.domain}
             if color.indices is not None and (color.indices < 0).any():
                 noted["missing"] = encode_integers(np.flatnonzero(color.indices < 0))
             self.notes.setdefault("colors", {})[color.name] = noted
         return found
 
-    def _morphs(self) -> list[dict[str, int]]:
-        """Add the displacements of positions by each morph target."""
+    def _texture_coordinates(self, values: Float32Array) -> int:
+        return self._builder.floats(values, target=VERTEX_DATA)
+
+    def _normal_rows(self, rows: NormalRows) -> Int64Array:
+        """Return the normal of each row; a vertex that belongs to no face has its own number."""
+        normals = self.sources.copy()
+        normals[self.corner_rows] = rows.corner_rows
+        return normals
+
+    def _color_rows(self, color: Attribute, values: Float32Array) -> Float32Array:
+        """Return the colours of rows, of values with a row per vertex or per face corner."""
+        if color.domain == "vertex":
+            return values[self.sources]
+        by_row = np.zeros((self.sources.size, values.shape[1]), np.float32)
+        by_row[self.corner_rows] = values
+        return by_row
+
+    def _morphs(self, own: Int64Array) -> list[dict[str, int]]:
+        """Add the displacements of the positions of some rows by each morph target."""
         # Displacements are fractions of the scale, without offset.
         added = None if self._lattice is None else dataclasses.replace(self._lattice, offset=np.zeros(3))
         return [
-            {"POSITION": self._positions(shape, added) if shape.any() else self._builder.zeros(self.sources.size)}
+            {"POSITION": self._positions(shape, added, own) if shape.any() else self._builder.zeros(own.size)}
             for shape in self._motion.targets
         ]
 
-    def _add_normals(self, attributes: dict[str, int], morphs: Sequence[dict[str, int]]) -> None:
-        """Add normals at rest and their changes by targets; record the grouping if they cannot show it."""
+    def _add_normals(self, attributes: dict[str, int], morphs: Sequence[dict[str, int]], own: Int64Array) -> None:
+        """Add normals of some rows at rest and their changes by targets; record the grouping if they cannot show it."""
         rows, motion = self._rows, self._motion
         if rows is None:
             return
         if motion.normals is not None and motion.normal_targets is not None:
-            # A vertex that belongs to no face has its own number as normal row.
-            normals = self.sources.copy()
-            normals[self.corner_rows] = rows.corner_rows
-            attributes["NORMAL"] = (
-                self._directions(motion.normals[normals], "<i2")
-                if self._step is None
-                else self._builder.directions(motion.normals[normals])
-            )
+            normals = self._normal_rows(rows)[own]
+            attributes["NORMAL"] = self._rest_normals(motion.normals[normals])
             kinds = ["<i2" if motion.has_fine_normals else "<i1"] * len(morphs)
             if motion.is_away_from_rest:
                 kinds[-1] = "<i2"
@@ -283,12 +252,23 @@ class _MeshWriter:
         if (shared := shared_attribute(self._item)) is not None:
             self.notes["sharedNormals"] = encode_integers(expanded(shared))
 
-    def _parts(self, morphs: int) -> Iterator[_Part]:
-        """Yield primitives: mode, rows, name of the material, names of face sets."""
+    def _rest_normals(self, normals: Float32Array) -> int:
+        return self._directions(normals, "<i2")
+
+    def _face_order(self) -> Int64Array | None:
+        """Return the place of each face in the order in which faces are drawn, (faces,); None for their own."""
+        return None
+
+    def _flat_faces(self) -> BoolArray:
+        """Return a mask (faces,) of the faces that are drawn without normals."""
+        return np.zeros(self._item.connectivity.face_count, bool)
+
+    def _parts(self, morphs: int) -> Iterator[Part]:
+        """Yield the primitives."""
         item = self._item
-        triangles, faces = _triangulate(item.connectivity, self.corner_rows)
-        if self._coded is not None:
-            order = np.argsort(self._coded.ranks[faces], kind="stable")
+        triangles, faces = triangulate(item.connectivity, self.corner_rows)
+        if (places := self._face_order()) is not None:
+            order = np.argsort(places[faces], kind="stable")
             triangles, faces = triangles[order], faces[order]
         labels, of_faces = _materials_of(item)
         if labels:
@@ -300,30 +280,27 @@ class _MeshWriter:
             }
         is_empty = True
         most = max(1, MAX_TARGETS_OF_SPLIT_MESH // max(1, morphs))
+        is_flat = self._flat_faces()
         for members, number, names in _parts(of_faces, groups, most=most):
-            chosen = triangles[members[faces]]
-            if len(chosen):
-                is_empty = False
-                yield TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names
+            for flat in (False, True):
+                chosen = triangles[(members & (is_flat == flat))[faces]]
+                if len(chosen):
+                    is_empty = False
+                    yield Part(TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names, not flat)
         segments = _segments(item.connectivity)
         if segments.size:
-            yield LINES, self.vertex_rows[segments], None, ()
+            yield Part(LINES, self.vertex_rows[segments])
         points = [self.vertex_rows[np.flatnonzero(expanded(one))] for one in _points_of(item)]
         if points and points[0].size:
-            yield POINTS, points[0], None, ()
+            yield Part(POINTS, points[0])
         elif is_empty and not segments.size:
-            yield POINTS, None, None, ()
+            yield Part(POINTS, None)
 
-    def _positions(self, points: Float32Array, steps: Lattice | None) -> int:
+    def _positions(self, points: Float32Array, steps: Lattice | None, own: Int64Array) -> int:
+        rows = points[self.sources[own]]
         if steps is None:
-            return self._floats(points[self.sources], self._step, bounds=True)
-        return self._builder.fractions(steps.fractions(points[self.sources]), "<i2", target=VERTEX_DATA, bounds=True)
-
-    def _floats(self, rows: Float32Array, step: float | None, *, bounds: bool = False) -> int:
-        """Add an accessor of vertex data, rounded to a step if there is one."""
-        if step is None:
-            return self._builder.floats(rows, target=VERTEX_DATA, bounds=bounds)
-        return self._builder.rounded(rows, step, target=VERTEX_DATA, bounds=bounds)
+            return self._builder.floats(rows, target=VERTEX_DATA, bounds=True)
+        return self._builder.fractions(steps.fractions(rows), "<i2", target=VERTEX_DATA, bounds=True)
 
     def _directions(self, vectors: Float32Array, dtype: str) -> int:
         if self._lattice is None or np.abs(vectors).max(initial=0) > 1:
@@ -361,7 +338,7 @@ def _split_vertices(connectivity: Connectivity, columns: list[NDArray[Any]]) -> 
     return np.concatenate([vertices, of_row[is_extra]]), rows[keys]
 
 
-def _uv_rows(uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> Float32Array:
+def uv_rows(uv: Attribute, corner_rows: Int64Array, rows: int, notes: dict[str, Any]) -> Float32Array:
     """Return the UVs of rows, and note the rows that corners share."""
     values, indices, _ = indexed_rows(uv)
     by_corner = values[:, :2] if indices is None else values[indices, :2]
@@ -385,7 +362,7 @@ def _note_connectivity(connectivity: Connectivity, corner_rows: Int64Array, note
         notes["lineIndices"] = encode_integers(connectivity.line_indices)
 
 
-def _triangulate(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
+def triangulate(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
     """Split faces into triangles, each face a fan from its first corner; return (triangles, 3) rows and their faces."""
     counts = connectivity.face_counts.astype(np.int64)
     starts = np.cumsum(counts) - counts

@@ -12,6 +12,7 @@ KHR_mesh_quantization rounds a motion: positions to 16 bits, normals of targets 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -223,6 +224,10 @@ def largest_angle(normals: NDArray[np.floating], others: NDArray[np.floating]) -
     return float(np.degrees(2 * np.arcsin(min(1.0, chord / 2))))
 
 
+SCALE_DIGITS = 3
+"""Digits of the scale of a lattice that is coarser than it could be."""
+
+
 @dataclass(frozen=True)
 class Lattice:
     """Grid of 16-bit positions: ``offset + scale * fraction``, with fractions in [-1, 1].
@@ -243,13 +248,25 @@ class Lattice:
         """Return positions (vertices, 3) as fractions."""
         return np.clip((points.astype(np.float64) - self.offset) / self.scale, -1, 1)
 
+    def steps(self, points: Float32Array) -> NDArray[np.int16]:
+        """Return positions (vertices, 3) as they are stored."""
+        return np.rint(self.fractions(points) * np.iinfo(np.int16).max).astype("<i2")
 
-def lattice_of(motion: Motion, *, centred: bool) -> Lattice:
-    """Return the finest lattice for the shapes of a motion; `centred` puts its centre at the origin."""
+
+def lattice_of(motion: Motion, *, centred: bool, step: float = 0.0) -> Lattice:
+    """Return the finest lattice for the shapes of a motion with at least this step [scene units].
+
+    `centred` puts its centre at the origin. With a step, fractions of a lattice that is not centred are positive, which
+    compresses better.
+    """
     low, high = motion.rest.min(axis=0).astype(np.float64), motion.rest.max(axis=0).astype(np.float64)
-    offset = np.zeros(3) if centred else ((low + high) / 2).astype(np.float32).astype(np.float64)
+    offset = np.zeros(3) if centred else (low if step else (low + high) / 2).astype(np.float32).astype(np.float64)
     reach = max(largest_coordinate(one) for one in (low - offset, high - offset, *motion.targets))
     scale = float(np.nextafter(np.float32(reach), np.float32(np.inf))) or 1.0
+    if step * np.iinfo(np.int16).max > scale:
+        coarse = step * np.iinfo(np.int16).max
+        unit = 10.0 ** (math.floor(math.log10(coarse)) + 1 - SCALE_DIGITS)
+        scale = max(scale, float(np.float32(math.floor(coarse / unit) * unit)))
     step = scale / np.iinfo(np.int16).max
 
     def rounding(shapes: NDArray[np.floating]) -> Float64Array:

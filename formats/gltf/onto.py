@@ -168,7 +168,7 @@ class _Onto(GltfScene):
             else:
                 stays = False
                 if turns is not None:
-                    points, thirds, place = points[:1] - turns.centre, None, place_of(turns)
+                    points, thirds, place = points[:1] - turns.centre, None, place_of(self._builder, turns)
                 if is_mirrored:
                     points, thirds = points * _MIRROR, None if thirds is None else thirds * _MIRROR
                     place["scale"] = _MIRROR.tolist()

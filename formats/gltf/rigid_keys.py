@@ -116,6 +116,11 @@ def rigid_keys(frames: Float32Array, thirds: Blocks | None) -> RigidKeys | None:
     return keys
 
 
+def reach_of(keys: RigidKeys) -> float:
+    """Return the largest distance of a vertex from the point that the shape turns about."""
+    return float(np.linalg.norm(keys.shape - keys.centre, axis=1).max(initial=0))
+
+
 def keys_of_motion(shape: Float32Array, matrices: Float64Array, deviation: float = 0.0) -> RigidKeys:
     """Return the node animation that moves a shape (vertices, 3) as matrices (frames, 4, 4) do."""
     centre = middle_of(shape)

@@ -25,6 +25,9 @@ OUTERMOST_DIRECTIONS = np.array(
 )
 """Directions in which the outermost vertices of a part are found: these vertices deviate most between frames."""
 
+ROTATION_DIGITS = 6
+"""Decimal digits of the rotation in a compressed file of a node whose keys replace it."""
+
 
 @dataclass(frozen=True)
 class Mover:
@@ -133,7 +136,11 @@ def write_skin(builder: GltfBuilder, joints: Sequence[int], centres: Float32Arra
     return builder.add("skins", entry)
 
 
-def place_of(keys: RigidKeys) -> dict[str, Any]:
+def place_of(builder: GltfBuilder, keys: RigidKeys) -> dict[str, Any]:
     """Return the transform of a mover's node in the first frame."""
-    first = {path: values[0].tolist() for path, values in keys.keys.items()}
-    return {"translation": keys.centre.tolist(), **first}
+    first = {path: values[0] for path, values in keys.keys.items()}
+    if builder.packer is not None and "rotation" in first:
+        first["rotation"] = np.round(first["rotation"], ROTATION_DIGITS) + np.float32(0)
+        if np.array_equal(first["rotation"], [0, 0, 0, 1]):
+            del first["rotation"]
+    return {path: builder.numbers(values) for path, values in {"translation": keys.centre, **first}.items()}

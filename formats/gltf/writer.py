@@ -32,13 +32,14 @@ from pdecodec.formats.base.rigid_pieces import rigid_parts_within
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, renamed
 from pdecodec.formats.gltf.builder import GltfBuilder
+from pdecodec.formats.gltf.delivered_mesh import DeliveredMeshWriter, Delivery, delivered_lattice
 from pdecodec.formats.gltf.functions import Blocks, cubic_keys
 from pdecodec.formats.gltf.materials import Materials
-from pdecodec.formats.gltf.mesh_motion import CodedRows, Delivery, MotionWriter, is_stored
-from pdecodec.formats.gltf.mesh_writer import is_held_by_mesh, write_mesh
+from pdecodec.formats.gltf.mesh_motion import CodedRows, MotionWriter, is_stored
+from pdecodec.formats.gltf.mesh_writer import MeshWriter, is_held_by_mesh
 from pdecodec.formats.gltf.motion import Motion, lattice_of, motion_of, round_normals
 from pdecodec.formats.gltf.reader import GltfSequence
-from pdecodec.formats.gltf.rigid_keys import RigidKeys, rigid_keys
+from pdecodec.formats.gltf.rigid_keys import RigidKeys, reach_of, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
 from pdecodec.formats.gltf.types import MESH_MOTION
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array
@@ -162,7 +163,7 @@ class GltfScene:
         self._delivery: Delivery | None = None
         if settings is not None:
             self._coded = MotionWriter(builder, self._source, settings, output.progress)
-            self._delivery = Delivery(self._coded.step if output.quantize else None)
+            self._delivery = Delivery(self._coded.shape_bound if output.quantize else None)
         self._bound = output.rigid
         if self._coded is not None:
             self._bound = 0.0  # a bound of its own, which the rigid parts of a decoded file may miss
@@ -207,7 +208,8 @@ class GltfScene:
         """Animate the morph targets of a node's mesh, and the node by its keys."""
         self._motions.append(motion)
         frames = self._sequence.frame_count
-        self._move(node, turns.keys if turns else {})
+        if turns is not None:
+            self._move(node, turns.keys, self._delivery, reach_of(turns))
         if not len(motion.targets):
             return
         if motion.functions is None:
@@ -222,10 +224,18 @@ class GltfScene:
             output, interpolation = self._builder.floats(splines.reshape(-1)), "CUBICSPLINE"
         self._channel(node, "weights", output, interpolation)
 
-    def _move(self, node: int, keys: Mapping[str, Float32Array]) -> None:
-        """Animate a node by its keys."""
+    def _move(
+        self, node: int, keys: Mapping[str, Float32Array], delivery: Delivery | None = None, reach: float = 0.0
+    ) -> None:
+        """Animate a node by its keys, rounded for a delivery of a shape that reaches so far from its centre."""
+        add = self._builder
         for path, values in keys.items():
-            self._channel(node, path, self._builder.floats(values), "LINEAR")
+            bound = None if delivery is None else delivery.share(path).bound
+            if bound is None or path != "rotation":
+                output = add.rounded(values, None if delivery is None else delivery.share(path).step)
+            else:
+                output = add.turns(values, bound / max(reach, bound))
+            self._channel(node, path, output, "LINEAR")
 
     def _motion_notices(self) -> list[str]:
         """Return notices about how the motion was represented."""
@@ -278,7 +288,7 @@ class GltfScene:
         known = self._joints
         if number not in known:
             keys = self._movers[number].keys
-            known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(keys))
+            known[number] = self._node(f"{JOINTS}/part_{len(known)}", place_of(self._builder, keys))
             self._move(known[number], keys.keys)
         return known[number]
 
@@ -289,7 +299,9 @@ class GltfScene:
     def _channel(self, node: int, path: str, output: int, interpolation: str) -> None:
         if self._key_times is None:
             self._key_times = self._builder.floats(self._sequence.times - self._start, bounds=True)
-        self._samplers.append({"input": self._key_times, "output": output, "interpolation": interpolation})
+        is_default = interpolation == "LINEAR" and self._builder.packer is not None
+        named = {} if is_default else {"interpolation": interpolation}
+        self._samplers.append({"input": self._key_times, "output": output, **named})
         self._channels.append({"sampler": len(self._samplers) - 1, "target": {"node": node, "path": path}})
 
     def _hold_still(self) -> None:
@@ -384,31 +396,37 @@ class _Scene(GltfScene):
             if coded is not None:
                 part, thirds, place = part[:1], None, self._turned_place()
             if turns is not None:
-                part, thirds, place = turns.shape[None] - turns.centre, None, place_of(turns)
+                part, thirds, place = turns.shape[None] - turns.centre, None, place_of(builder, turns)
             # Viewers shade triangles without normals flat, so normals of flat triangles are not stored.
             shown = None if rows is not None and rows.are_of_flat_triangles else rows
             motion = motion_of(part, thirds, shown)
+            delivery = self._delivery
+            if delivery is not None and turns is not None:
+                delivery = delivery.share("shape")
             is_rounded = self._output.quantize and coded is None
-            lattice = lattice_of(motion, centred=turns is not None) if is_rounded else None
+            step = 0.0 if delivery is None or builder.packer is None else delivery.step or 0.0
+            lattice, flat = None, None
+            if is_rounded and step:
+                lattice, flat = delivered_lattice(item, motion, shown, step, centred=turns is not None)
+            elif is_rounded:
+                lattice = lattice_of(motion, centred=turns is not None)
             bind = np.eye(4)
             if lattice is not None:
-                motion, angle = round_normals(motion)
+                motion, angle = round_normals(motion) if delivery is None else (motion, 0.0)
                 steepest = max(steepest, angle)
                 bind[:3, :3] *= lattice.scale
                 bind[3, :3] = lattice.offset
-                place = {"translation": lattice.offset.tolist(), **place, "scale": [lattice.scale] * 3}
+                size = builder.numbers([lattice.scale])
+                place = {"translation": builder.numbers(lattice.offset), **place, "scale": size * 3}
                 coarsest = max(coarsest, lattice.error)
-            mesh = write_mesh(
-                builder,
-                item,
-                motion,
-                rows,
-                self._materials.index,
-                lattice,
-                None if skin is None else skin.joints,
-                coded=coded,
-                delivery=self._delivery,
-            )
+            if delivery is None:
+                mesh = MeshWriter(builder, item, motion, rows, lattice).write(
+                    self._materials.index, None if skin is None else skin.joints
+                )
+            else:
+                delivered = DeliveredMeshWriter(builder, item, motion, rows, lattice, delivery, coded, flat)
+                mesh = delivered.write(self._materials.index)
+                steepest = max(steepest, delivered.normal_angle)
             if skin is not None:
                 self._skinned(item.name, {"mesh": mesh}, skin, bind)
                 continue
@@ -447,11 +465,13 @@ class _Scene(GltfScene):
         self._notices += [f"the third component of {name!r} is not kept: UVs have two in glTF" for name in deep]
         self._notices += self._motion_notices()
         self._notices += self._rigid_notices(rigid)
-        if self._output.quantize and (coarsest or self._coded is None):
+        if self._output.quantize and self._coded is None:
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
-            if steepest:
-                bits = " or ".join(sorted({"16" if one.has_fine_normals else "8" for one in self._motions}, key=int))
-                self._notices.append(f"normals are rounded to {bits} bits: up to {steepest:.2g} degrees off")
+        elif self._delivery is not None and self._delivery.bound is not None:
+            self._notices.append(f"shapes and the keys of nodes are rounded: up to {self._delivery.bound:.2g} off")
+        if steepest:
+            bits = " or ".join(sorted({"16" if one.has_fine_normals else "8" for one in self._motions}, key=int))
+            self._notices.append(f"normals are rounded to {bits} bits: up to {steepest:.2g} degrees off")
         if smoothed:
             objects = f"{smoothed} object{'s' * (smoothed > 1)}"
             self._notices.append(f"normals of {objects} are not recorded: smooth surfaces are assumed")

@@ -153,7 +153,10 @@ def _motion(root: dict[str, Any]) -> dict[str, Any]:
         (lambda root: _own(root).update(firstVertex=1), "which has 36 vertices"),
         (lambda root: _own(root).update(vertexMap=99), "accessor 99 is damaged or missing"),
         (lambda root: _own(root).update(vertexMap=0), "the map to its motion"),
-        (lambda root: _own(root).update(vertexMap=4), "the map to its motion"),
+        (
+            lambda root: _own(root).update(vertexMap=root["meshes"][0]["primitives"][0]["indices"]),
+            "the map to its motion",
+        ),
         (lambda root: _motion(root).update(bufferView=99), "buffer view 99 is damaged or missing"),
         (lambda root: _motion(root).update(bufferView=0), "motion 0 is no .pdeanim file"),
         (lambda root: _motion(root).pop("bufferView"), "names a buffer view or an animation that is missing"),

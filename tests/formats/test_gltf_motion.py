@@ -15,7 +15,7 @@ from pdecodec.codec.opening import open_animation
 from pdecodec.errors import SettingsError
 from pdecodec.formats import open_sequence, write_sequence
 from pdecodec.formats.base.normals import NORMAL_GROUP, normal_group, smooth_rows
-from pdecodec.formats.gltf.file import read_gltf
+from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.motion import EXACT_RELATIVE_ERROR, largest_angle
 from pdecodec.mesh.sequence import ArraySequence, MeshObject
 from tests.support.browser_tools import assert_valid
@@ -117,55 +117,63 @@ def test_weights_stay_between_0_and_1_and_those_of_the_mesh_show_its_first_frame
     assert_valid(tmp_path / "x.glb")
 
 
-def unpacked(path: Path) -> list[bytes]:
-    """Return the buffer views of a file, decompressed by meshoptimizer itself."""
+def unpacked(path: Path) -> GltfFile:
+    """Return a file whose buffer views are decompressed by meshoptimizer itself."""
     codec = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     whole = path.read_bytes()
     length = int.from_bytes(whole[12:16], "little")
-    file, data = json.loads(whole[20 : 20 + length]), whole[28 + length :]
+    root, data = json.loads(whole[20 : 20 + length]), whole[28 + length :]
     found = []
-    for view in file["bufferViews"]:
-        packed = view.get("extensions", {}).get("EXT_meshopt_compression")
+    for number, view in enumerate(root["bufferViews"]):
+        packed = view.pop("extensions", {}).get("EXT_meshopt_compression")
         if packed is None:
             found.append(data[view["byteOffset"] :][: view["byteLength"]])
-            continue
-        assert (view["buffer"], packed["buffer"]) == (1, 0)
-        part, count, stride = (
-            data[packed["byteOffset"] :][: packed["byteLength"]],
-            packed["count"],
-            packed["byteStride"],
-        )
-        if packed["mode"] == "ATTRIBUTES":
-            rows = codec.decode_vertex_buffer(count, stride, part, np.dtype(f"V{stride}"))
         else:
-            decode = codec.decode_index_buffer if packed["mode"] == "TRIANGLES" else codec.decode_index_sequence
-            rows = decode(count, stride, part)
-        found.append(rows.tobytes()[: count * stride])
-        assert len(found[-1]) == view["byteLength"]
-    return found
+            assert (view["buffer"], packed["buffer"]) == (1, 0)
+            part, count, stride = (
+                data[packed["byteOffset"] :][: packed["byteLength"]],
+                packed["count"],
+                packed["byteStride"],
+            )
+            if packed["mode"] == "ATTRIBUTES":
+                rows = codec.decode_vertex_buffer(count, stride, part, np.dtype(f"V{stride}"))
+            else:
+                decode = codec.decode_index_buffer if packed["mode"] == "TRIANGLES" else codec.decode_index_sequence
+                rows = decode(count, stride, part)
+            found.append(rows.tobytes()[: count * stride])
+            assert len(found[-1]) == view["byteLength"]
+        view |= {"buffer": number, "byteOffset": 0}
+    return GltfFile(root, tuple(found))
 
 
-def test_compressed_files_hold_the_same_numbers(tmp_path: Path) -> None:
+def test_compressed_files_hold_the_same_numbers_and_equal_ones_once(tmp_path: Path) -> None:
     objects = [body("root/arm/hand"), body("root/nail", [uv_with_seam("uv:second")]), MeshObject("sheet", grid(9, 9))]
     clip = scene(objects, frames=20, **SPACE)
     for name, meshopt in (("plain.glb", False), ("small.glb", True)):
         write_sequence(clip, tmp_path / name, meshopt=meshopt)
     plain, small = unpacked(tmp_path / "plain.glb"), unpacked(tmp_path / "small.glb")
-    root = read_gltf(tmp_path / "plain.glb").root
-    triangles = {
-        root["accessors"][one["indices"]]["bufferView"] for mesh in root["meshes"] for one in mesh["primitives"]
-    }
-    for number, (one, other) in enumerate(zip(plain, small, strict=True)):
-        if number in triangles:
+    for one, other in zip(plain.root["meshes"], small.root["meshes"], strict=True):
+        for mine, theirs in zip(one["primitives"], other["primitives"], strict=True):
+            for rows, others in zip(
+                (mine["attributes"], *mine["targets"]), (theirs["attributes"], *theirs["targets"]), strict=True
+            ):
+                assert rows.keys() == others.keys()
+                for name, index in rows.items():
+                    assert np.array_equal(plain.accessor(index), small.accessor(others[name]))
             # A triangle may begin with another of its corners.
-            rows, turned = (np.frombuffer(data, "<u2").reshape(-1, 3).tolist() for data in (one, other))
-            for mine, theirs in zip(rows, turned, strict=True):
-                assert theirs in [mine, mine[1:] + mine[:1], mine[2:] + mine[:2]]
-        else:
-            assert one == other
+            first, turned = (
+                file.accessor(own["indices"]).reshape(-1, 3) for file, own in ((plain, mine), (small, theirs))
+            )
+            rolled = np.stack([np.roll(first, by, axis=1) for by in range(3)])
+            assert (rolled == turned).all(axis=2).any(axis=0).all()
+    for mine, theirs in zip(*(one.root["animations"][0]["samplers"] for one in (plain, small)), strict=True):
+        for end in ("input", "output"):
+            assert np.array_equal(plain.accessor(mine[end]), small.accessor(theirs[end]))
     views = read_gltf(tmp_path / "small.glb").root["bufferViews"]
     packed = [view["extensions"] for view in views if "extensions" in view]
     assert {one["EXT_meshopt_compression"]["mode"] for one in packed} == {"ATTRIBUTES", "TRIANGLES", "INDICES"}
+    assert len(views) < len(plain.root["bufferViews"]) / 5
+    assert len(small.root["accessors"]) < len(plain.root["accessors"])
     assert_valid(tmp_path / "small.glb")
 
 
