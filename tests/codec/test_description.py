@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -26,6 +27,7 @@ from pdecodec.codec.sections.description import (
     decode_remarks,
     encode_remarks,
     encode_sequence_description,
+    unpack_frame,
 )
 from pdecodec.errors import CorruptFileError, InputError
 from pdecodec.mesh.arrays import Float64Array
@@ -242,3 +244,15 @@ def test_a_name_that_no_text_encoding_holds_is_refused_by_name() -> None:
     broken = MeshObject("part\ud800", Connectivity(1))
     with pytest.raises(InputError, match="rename"):
         encode_sequence_description(ArraySequence(np.zeros((1, 1, 3)), objects=[broken]))
+
+
+@pytest.mark.parametrize(
+    "content", [b"x", b"0" * 400_000, bytes(range(256)) * 2000, np.random.default_rng(0).bytes(300_000)]
+)
+@pytest.mark.parametrize("has_checksum", [False, True])
+def test_a_zstandard_frame_is_refused_if_it_is_cut_or_bytes_follow_it(content: bytes, has_checksum: bool) -> None:
+    frame = zstandard.ZstdCompressor(write_checksum=has_checksum).compress(content)
+    assert unpack_frame(frame) == content
+    for damaged in (frame[:-1], frame + b"\0", frame + frame, frame[:7]):
+        with pytest.raises(zstandard.ZstdError):
+            unpack_frame(damaged)

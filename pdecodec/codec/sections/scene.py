@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import zstandard
 
 from pdecodec.codec.sections.bytestream import FieldReader, FieldWriter, section_fault
+from pdecodec.codec.sections.description import unpack_frame
 from pdecodec.errors import InputError, LimitError
 
 if TYPE_CHECKING:
@@ -79,8 +80,7 @@ class SceneStream:
             declared = zstandard.frame_content_size(self.packed) if self.packed else 0
             if declared != self.size:
                 raise fault
-            # Unpack in one call, because it stops at a frame that holds more than it declares.
-            found = zstandard.ZstdDecompressor().decompress(self.packed, allow_extra_data=False) if self.size else b""
+            found = unpack_frame(self.packed) if self.size else b""
         except zstandard.ZstdError as error:
             raise fault from error
         if len(found) != self.size or zlib.crc32(found) != self.checksum:
