@@ -11,11 +11,10 @@ import contextlib
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 import tomllib
-from html.parser import HTMLParser
+from html import unescape
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -25,19 +24,21 @@ MENU: dict[str, list[str]] = tomllib.loads((SETTINGS / "pages.toml").read_text(e
 PAGES = ("README.md", *(page for pages in MENU.values() for page in pages))
 
 REFERENCE = {
-    "Encode": r"codec\.(encod|settings)",
-    "Decode": r"codec\.(opening|decoder|array_evaluator|paper_form|source)",
-    "Check, repair, cut and join": r"codec\.(checking|mending|salvaging|editing)",
-    "Meshes and files": r"mesh\.|formats",
-    "Errors": r"errors",
+    "Encode": r"pdecodec\.codec\.(encod|settings)",
+    "Decode": r"pdecodec\.codec\.(opening|decoder|array_evaluator|paper_form|source)",
+    "Check, repair, cut and join": r"pdecodec\.codec\.(checking|mending|salvaging|editing)",
+    "Meshes and files": r"pdecodec\.(mesh|formats)",
+    "Errors": r"pdecodec\.errors",
 }
-"""Pages of the reference, each with a pattern of the modules, below pdecodec, whose public names it has."""
+"""Pages of the reference, each with a pattern of the modules whose public names it has."""
 
-SIMULATE = "simulate cloth -o a.npz --drape sphere --columns 60 --rows 60 --frames 72"
-PLAYER = (
-    '<iframe class="player" src="player.html" title="A clip in the player: drag to rotate" loading="lazy"></iframe>'
-)
+SIMULATE = "simulate cloth -o cloth.npz --drape sphere --columns 60 --rows 60 --frames 72"
+PLAYER = """
+<iframe class="player" src="player.html" title="A clip in the player: drag to rotate" loading="lazy"></iframe>
+<p class="caption">A simulated cloth of {source:.1f} MB in a file of {coded:.0f} kB, decoded in this page; drag it.</p>
+"""
 
+FOREIGN = re.compile(r"(url\(|@import)\s*['\"]?(https?:)?//")
 FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
 IMAGE = re.compile(r"!\[[^\]]*\]\([^)]+\)")
 LINK = re.compile(r"(!?)\[([^\[\]]*)\]\(([^()\s#]+)(#[^()\s]*)?\)")
@@ -51,10 +52,9 @@ def staged(page: str) -> str:
 def repository() -> str | None:
     """Return the address of the repository: that of pyproject.toml, or of the hosted run; None if neither has one."""
     urls = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"].get("urls", {})
-    hosted = (
-        "{GITHUB_SERVER_URL}/{GITHUB_REPOSITORY}".format_map(os.environ) if "GITHUB_REPOSITORY" in os.environ else None
-    )
-    return urls.get("Repository", hosted)
+    if "GITHUB_REPOSITORY" in os.environ:
+        urls.setdefault("Repository", "{GITHUB_SERVER_URL}/{GITHUB_REPOSITORY}".format_map(os.environ))
+    return urls.get("Repository")
 
 
 class Stage:
@@ -107,78 +107,60 @@ def menu(caption: str, pages: list[str]) -> str:
 
 
 def reference_pages() -> dict[str, str]:
-    """Return the pages of the reference of Python by name: all public names with their docstrings."""
+    """Return the pages of the reference of Python by name: directives for the docstrings of all public names."""
     import pdecodec
 
-    pages = dict.fromkeys(REFERENCE, "")
-    names = [name for name in pdecodec.__all__ if name != "__version__"]
-    for name in sorted(names, key=lambda name: (isinstance(getattr(pdecodec, name), type), name)):
-        kind = "autoclass" if isinstance(getattr(pdecodec, name), type) else "autofunction"
-        module = getattr(pdecodec, name).__module__.removeprefix("pdecodec.")
-        [page] = [page for page, modules in REFERENCE.items() if re.match(modules, module)]
-        members = "   :members:\n   :show-inheritance:\n" if kind == "autoclass" else ""
-        pages[page] += f"\n## `{name}`\n\n```{{eval-rst}}\n.. {kind}:: pdecodec.{name}\n{members}```\n"
-    return {
-        f"reference/{page.split(',')[0].lower().replace(' ', '-')}": f"# {page}\n{text}" for page, text in pages.items()
-    }
+    pages = {title: [f"# {title}", "", "```{eval-rst}"] for title in REFERENCE}
+    public = {name: getattr(pdecodec, name) for name in pdecodec.__all__ if name not in ("__version__", "open")}
+    for name, value in sorted(public.items(), key=lambda item: isinstance(item[1], type)):  # functions first
+        [title] = [title for title, modules in REFERENCE.items() if re.match(modules, value.__module__)]
+        lines = [f".. autoclass:: pdecodec.{name}", "   :members:"]
+        pages[title] += lines if isinstance(value, type) else [f".. autofunction:: pdecodec.{name}"]
+    names = {title: f"reference/{title.split(',')[0].lower().replace(' ', '-')}" for title in pages}
+    return {names[title]: "\n".join([*lines, "```", ""]) for title, lines in pages.items()}
 
 
-def make_player(page: Path) -> None:
-    """Write the viewer's page of a clip that is simulated and encoded now."""
+def make_player(page: Path) -> str:
+    """Write the viewer's page of a clip that is simulated and encoded now; return the element that shows it."""
     from pdecodec.cli.main import run
 
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        for command in (SIMULATE, "encode a.npz -o cloth.pdeanim", "view cloth.pdeanim -o a.html"):
+        for command in (SIMULATE, "encode cloth.npz -o cloth.pdeanim", "view cloth.pdeanim -o cloth.html"):
             if run(command.split()) != 0:
                 raise SystemExit(f"pdecodec {command} failed")
-        text = Path("a.html").read_text(encoding="utf-8")
+        source, coded = (Path(f"cloth.{kind}").stat().st_size for kind in ("npz", "pdeanim"))
+        text = Path("cloth.html").read_text(encoding="utf-8")
     style = (SETTINGS / "player.css").read_text(encoding="utf-8")
     page.write_text(text.replace("</style>", f"{style}</style>", 1), encoding="utf-8")
-
-
-class Links(HTMLParser):
-    """Links, anchors and loaded files of a page."""
-
-    def __init__(self, page: Path) -> None:
-        super().__init__()
-        self.links: list[str] = []
-        self.loaded: list[str] = []
-        self.anchors: set[str] = set()
-        self.feed(page.read_text(encoding="utf-8"))
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        for name, value in attrs:
-            if name == "id":
-                self.anchors.add(value or "")
-            elif name in ("href", "src"):
-                (self.links if tag == "a" else self.loaded).append(value or "")
+    return PLAYER.format(source=source / 1e6, coded=coded / 1e3)
 
 
 def broken_links(site: Path) -> list[str]:
     """Return what is wrong with the links of a site: files and anchors that are not there, files of other hosts."""
-    pages = {path: Links(path) for path in site.rglob("*.html")}
-    wrong = []
-    for path, page in pages.items():
-        for link in [*page.links, *page.loaded]:
-            parts = urlsplit(link)
-            if parts.scheme or parts.netloc:
-                wrong += [f"loads {link}"] if link in page.loaded and parts.scheme != "data" else []
-                continue
+    texts = {path: path.read_text(encoding="utf-8") for path in site.rglob("*.html")}
+    anchors = {path: set(re.findall(r'\sid="([^"]+)"', text)) for path, text in texts.items()}
+    styles = {path: path.read_text(encoding="utf-8") for path in site.rglob("*.css")}
+    wrong = [f"{path}: loads from another host" for path, text in styles.items() if FOREIGN.search(text)]
+    for path, text in texts.items():
+        for tag, link in re.findall(r'<(\w+)\s[^>]*?(?:href|src)="([^"]*)"', text):
+            parts = urlsplit(unescape(link))
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-            if not target.is_file():
-                wrong.append(f"{path.relative_to(site)}: {link} leads to nothing")
-            elif parts.fragment and target in pages and unquote(parts.fragment) not in pages[target].anchors:
-                wrong.append(f"{path.relative_to(site)}: {link} has no such place")
-    wrong += [
-        f"{path}: loads from another host"
-        for path in site.rglob("*.css")
-        if re.search(r"(url\(|@import)\s*['\"]?(https?:)?//", path.read_text("utf-8"))
-    ]
+            if parts.scheme or parts.netloc:
+                found = tag == "a"
+            else:
+                found = target.is_file() and unquote(parts.fragment) in {"", *anchors.get(target, [])}
+            if not found:
+                wrong.append(f"{path.relative_to(site)}: {link} leads to nothing, or to another host")
     return wrong
 
 
 def make_site(site: Path) -> None:
+    """Make the site in a folder, which is emptied first; exit with a message if anything is wrong with it."""
+    from sphinx.cmd.build import main as sphinx
+
     shutil.rmtree(site, ignore_errors=True)
+    site.mkdir(parents=True)
+    player = make_player(site / "player.html")
     with tempfile.TemporaryDirectory() as folder:
         stage = Stage(Path(folder))
         for page in PAGES[1:]:
@@ -187,26 +169,10 @@ def make_site(site: Path) -> None:
         for name, text in reference.items():
             stage.write(f"{name}.md", text)
         sections = {name: [staged(page).removesuffix(".md") for page in pages] for name, pages in MENU.items()}
-        menus = [menu(name, pages) for name, pages in {**sections, "Python reference": list(reference)}.items()]
-        stage.write("index.md", "".join([IMAGE.sub(PLAYER, stage.page("README.md"), count=1), *menus]))
-        subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "sphinx",
-                "-W",
-                "--keep-going",
-                "-q",
-                "-c",
-                SETTINGS,
-                "-d",
-                f"{folder}/.doctrees",
-                folder,
-                site,
-            ],
-            check=True,
-        )
-    make_player(site / "player.html")
+        menus = [menu(name, pages or list(reference)) for name, pages in sections.items()]
+        stage.write("index.md", IMAGE.sub(player, stage.page("README.md"), count=1) + "".join(menus))
+        if sphinx(["-W", "--keep-going", "-q", "-c", str(SETTINGS), "-d", f"{folder}/.doctrees", folder, str(site)]):
+            raise SystemExit("Sphinx warns of the above")
     if wrong := broken_links(site):
         raise SystemExit("\n".join(wrong))
 

@@ -1,5 +1,6 @@
 """Settings of Sphinx for the site; `docs/make_site.py` runs it."""
 
+from numpydoc.xref import DEFAULT_LINKS
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
@@ -12,10 +13,16 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 
 myst_heading_anchors = 6  # anchors are those of the pages that host repositories
 
-default_role = "py:obj"  # `encode` in a docstring is a link if it is a public name, and code otherwise
+default_role = "literal"  # `encode` in a docstring is code
 autodoc_typehints = "none"  # docstrings have types with shapes and units
 autodoc_member_order = "bysource"
 numpydoc_show_class_members = False
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = "all"
+# Public names in the types of parameters, results and errors are links; Python's own names are not.
+numpydoc_xref_aliases = {name: name for name in DEFAULT_LINKS} | {name: f"pdecodec.{name}" for name in pdecodec.__all__}
+
+toc_object_entries_show_parents = "hide"
 
 html_theme = "furo"  # loads nothing from other hosts
 smartquotes = False

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 import shutil
 import time
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from pdecodec.cli.main import run as pdecodec_run
 from pdecodec.formats import write_sequence
 from spec.extension.make_example import example
 from tests.support.browser_tools import bundle, node_module, node_modules
@@ -124,7 +126,7 @@ def expected(stage: Stage, original: Path) -> bytes:
 
 
 SLOW = pytest.mark.long
-"""On a machine that does other things, these bundlers take more than five seconds."""
+"""On a machine that does other things, these take more than five seconds."""
 
 
 @pytest.mark.parametrize(
@@ -154,6 +156,22 @@ def test_the_page_of_babylon_s_looks_like_the_original(stage: Stage, original: P
     shutil.copy(original, copied / "babylon")
     shown, other = (stage.picture(f"{one.name}/babylon/index.html") for one in (folder, copied))
     assert stage.differ(shown, other) < LIMIT
+
+
+@SLOW
+def test_the_page_of_the_tutorial_moves(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (EXAMPLES.parents[1] / "docs" / "tutorials" / "web-page.md").read_text("utf-8")
+    folder = stage.folder / "tutorial"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for command in re.findall(r"^\$ pdecodec (.*)", text, re.MULTILINE):
+        assert pdecodec_run(command.split()) == 0
+    (folder / "node_modules").symlink_to(stage.folder / "node_modules")
+    page = text.split("```html\n")[1].split("```")[0]
+    for moment in ("0", "0.9"):
+        assert "milliseconds / 1000" in page
+        (folder / f"at-{moment}.html").write_text(page.replace("milliseconds / 1000", moment), "utf-8")
+    assert stage.differ(stage.picture("tutorial/at-0.html"), stage.picture("tutorial/at-0.9.html")) > 0.05
 
 
 def test_the_pages_are_short() -> None:
