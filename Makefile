@@ -152,6 +152,12 @@ wheels: .venv/tools
 	$(BIN)/python -m build --sdist --no-isolation --outdir dist
 	$(BIN)/python -m core.wheels dist
 
+# Installs the wheels of dist/ where nothing else is installed, and uses them: in each Python of the path, and in those that
+# PYTHONS names, each a quoted command; docs/platforms.md has some for emulators.
+.PHONY: test-wheels
+test-wheels: $(READY)
+	$(BIN)/python -m tests.installed.wheels dist $(PYTHONS)
+
 # The decoder as one C++ file and a header, to be compiled into another program.
 amalgamation:
 	$(PYTHON) -m core.amalgamation dist/amalgamation

@@ -3,19 +3,21 @@
     python -m core.wheels FOLDER [ARCHITECTURE ...]
 
 GCC compiles the core for each architecture, and Zig links it: with the symbols of glibc 2.28, whatever the version
-here. What GCC's newer headers need of a newer C++ library is linked in from the static library, so that the module
-loads with GCC 8's. auditwheel confirms the tag; without that a wheel is not written.
+here. `bindings/python/linux` stands in for what GCC's headers need of a newer C++ library than GCC 8's. A wheel is
+written only if auditwheel confirms its tag, and if Python or the system's libraries have all that its module needs.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib.util
+import io
 import os
 import shutil
 import subprocess
 import sys
 import tempfile
+import zipfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,11 +27,10 @@ GLIBC = "2.28"
 COMPILERS = {"x86_64": ("x86_64-linux-gnu-g++", "g++"), "aarch64": ("aarch64-linux-gnu-g++", "g++")}
 """The C++ compilers of each architecture: a cross compiler, or this machine's own."""
 
-NEWER_MEMBERS = ("condition_variable.o", "cow-stdexcept.o", "eh_ptr.o", "functexcept.o")
-"""Members of libstdc++.a with the functions that are newer than GCC 8 and that the core calls."""
+NEWER = ROOT / "core" / "bindings" / "python" / "linux" / "newer_symbols.cpp"
+"""Stands in for what GCC's headers need of newer libraries."""
 
-NEWER_GLIBC = 'extern "C" __attribute__((visibility("hidden"))) char __libc_single_threaded = 0;\n'
-"""A variable of glibc 2.32 that GCC's headers read; 0 says that there may be threads."""
+MODULE = "_core.abi3.so"
 
 COMPILER = """#!/bin/sh
 # Links modules by Zig; does all else by GCC.
@@ -51,13 +52,8 @@ def find_compiler(architecture: str) -> str | None:
 def write_compiler(folder: Path, architecture: str, compiler: str) -> Path:
     """Write a script that compiles as `compiler` does and links by Zig, and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
-    newer = folder / "newer.a"
-    newer.unlink(missing_ok=True)
-    with tempfile.TemporaryDirectory() as scratch:
-        (Path(scratch) / "glibc.cpp").write_text(NEWER_GLIBC, "utf-8")
-        run(compiler, "-c", "-O2", "-fPIC", "glibc.cpp", cwd=Path(scratch))
-        run("ar", "x", output(compiler, "-print-file-name=libstdc++.a"), *NEWER_MEMBERS, cwd=Path(scratch))
-        run("ar", "rcs", str(newer), "glibc.o", *NEWER_MEMBERS, cwd=Path(scratch))
+    newer = folder / "newer_symbols.o"
+    run(compiler, "-c", "-O2", "-fPIC", "-std=c++20", "-o", str(newer), str(NEWER))
     # libgcc.a says what the processor has: Zig's own library does not look.
     names = ("libstdc++.so.6", "libgcc.a", "libgcc_s.so.1")
     libraries = [str(newer), *(output(compiler, f"-print-file-name={name}") for name in names)]
@@ -85,6 +81,7 @@ def build_wheel(folder: Path, architecture: str, compiler: str) -> Path:
         "cmake.define.CMAKE_SYSTEM_NAME": "Linux",
         "cmake.define.CMAKE_SYSTEM_PROCESSOR": architecture,
     }
+    (build / "core" / MODULE).unlink(missing_ok=True)  # links again: CMake does not know what the script links
     environment = {"CXX": str(write_compiler(build, architecture, compiler)), "_PYTHON_HOST_PLATFORM": tag}
     with tempfile.TemporaryDirectory() as scratch:
         flags = [f"--config-setting={name}={value}" for name, value in settings.items()]
@@ -96,8 +93,27 @@ def build_wheel(folder: Path, architecture: str, compiler: str) -> Path:
         shown = output(sys.executable, "-m", "auditwheel", "show", str(wheel))
         if f'"{tag}"' not in shown:
             sys.exit(f"{wheel.name} does not work wherever its tag says:\n{shown}")
+        if missing := unresolved(wheel):
+            sys.exit(f"{wheel.name} needs what no library has: {', '.join(missing)}; see {NEWER.name}")
         folder.mkdir(parents=True, exist_ok=True)
         return Path(shutil.move(wheel, folder / wheel.name))
+
+
+def unresolved(wheel: Path) -> list[str]:
+    """Return the symbols that a wheel's module needs and that neither Python nor a version of a library has."""
+    from elftools.elf.elffile import ELFFile
+
+    with zipfile.ZipFile(wheel) as archive, archive.open(f"pdecodec/{MODULE}") as file:
+        module = ELFFile(io.BytesIO(file.read()))
+        versions = module.get_section_by_name(".gnu.version")
+        return [
+            symbol.name
+            for index, symbol in enumerate(module.get_section_by_name(".dynsym").iter_symbols())
+            if symbol["st_shndx"] == "SHN_UNDEF"
+            and symbol["st_info"]["bind"] == "STB_GLOBAL"
+            and isinstance(versions.get_symbol(index)["ndx"], str)
+            and not symbol.name.startswith(("Py", "_Py"))
+        ]
 
 
 def output(*command: str) -> str:
