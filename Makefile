@@ -141,7 +141,8 @@ paper: reproduce stability
 	$(BIN)/python docs/make_paper.py out/paper out/stability docs/paper
 
 # The source, and from it the wheel for this kind of machine.
-dist: $(READY)
+dist: .venv/tools
+	$(PIP) 'build>=1.2'
 	$(BIN)/python -m build --no-isolation --outdir dist
 
 # The source, and wheels for Linux on x86-64 and arm64 that other systems load, too. Each needs GCC for
@@ -157,6 +158,30 @@ wheels: .venv/tools
 .PHONY: test-wheels
 test-wheels: $(READY)
 	$(BIN)/python -m tests.installed.wheels dist $(PYTHONS)
+
+# Everything that a release publishes, into dist/, which must not hold files of another version; docs/install.md lists and
+# explains it. A part whose tools are not here is named and left out. What is ours has the same bytes every time. PACKAGES is
+# the target that makes the Python packages; if it is empty, those in dist/ are taken.
+PACKAGES ?= wheels
+.PHONY: release test-release
+release: export SOURCE_DATE_EPOCH ?= $(shell git log -1 --format=%ct 2>/dev/null || echo 315532800)
+release: .venv/tools
+	$(BIN)/python docs/make_release.py notes >/dev/null
+	mkdir -p dist
+	$(if $(PACKAGES),$(MAKE) --no-print-directory $(PACKAGES))
+	$(PIP) 'typst~=0.15' 'pypandoc-binary~=1.17'
+	$(MAKE) --no-print-directory blender-extension WHEEL="$$(ls dist/pdecodec-*_$$(uname -m).whl)"
+	$(if $(shell command -v npm),npm pack --silent --pack-destination dist ./player,@echo 'no npm package: npm is not here')
+	if echo '#include <zstd.h>' | c++ -E -x c++ - >/dev/null 2>&1; \
+		then $(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist ./plugins/usd; \
+		else echo 'no USD plug-in: a C++ compiler and the headers of Zstandard (libzstd-dev) are not here'; fi
+	$(BIN)/python docs/make_pdf.py dist/pdeanim-format-1.0.pdf
+	$(BIN)/python docs/make_release.py pack dist
+
+# Installs and uses each file of dist/ in an environment of its own, by the lines of docs/install.md. PDECODEC_BLENDER names
+# a Python that has the package bpy. What cannot run here is skipped by name.
+test-release: $(READY)
+	$(BIN)/python -m pytest -n 0 tests/installed/release.py
 
 # The decoder as one C++ file and a header, to be compiled into another program.
 amalgamation:
@@ -183,9 +208,9 @@ interop: $(READY) browser
 	$(BIN)/python -m tests.interop.table docs/interop.md
 
 # The extension with its wheels for this kind of machine, and for the Python of Blender 4.2 to 5.0.
-blender-extension: $(READY)
-	rm -rf build/blender
-	$(BIN)/python -m build --wheel --no-isolation --outdir build/blender
+blender-extension: $(if $(WHEEL),.venv/tools,$(READY))
+	rm -rf build/blender && mkdir -p build/blender
+	$(if $(WHEEL),cp $(WHEEL),$(BIN)/python -m build --wheel --no-isolation --outdir) build/blender
 	$(BIN)/python -m pip download --quiet --no-deps --only-binary :all: --python-version 3.11 --dest build/blender 'nanobind-backend<2'
 	$(BIN)/python plugins/blender/build.py dist build/blender/*.whl
 

@@ -48,11 +48,11 @@ def build(folder: Path, wheels: Sequence[Path]) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f"blender-{facts['id']}-{facts['version']}-{'-'.join(platforms)}.zip"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("blender_manifest.toml", manifest)
-        for name in FILES:
-            archive.write(HERE / name, name)
-        for wheel in wheels:
-            archive.write(wheel, f"wheels/{wheel.name}")
+        parts = {"blender_manifest.toml": manifest.encode(), **{name: (HERE / name).read_bytes() for name in FILES}}
+        for name, data in {**parts, **{f"wheels/{wheel.name}": wheel.read_bytes() for wheel in wheels}}.items():
+            entry = zipfile.ZipInfo(name)  # without the time of now: the same files give the same bytes
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, data, zipfile.ZIP_DEFLATED)
     return path
 
 

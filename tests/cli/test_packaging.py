@@ -34,7 +34,7 @@ def run_python(*arguments: str, cwd: Path = ROOT, path: Path = ROOT) -> subproce
 
 def test_all_files_state_one_version_and_the_changelog_tells_what_is_in_it() -> None:
     def printed(*tag: str) -> subprocess.CompletedProcess[str]:
-        return run_python("docs/make_release.py", *tag)
+        return run_python("docs/make_release.py", "notes", *tag)
 
     version = PROJECT["project"]["version"]
     same, other = printed(f"v{version}"), printed("v0.0.9")
