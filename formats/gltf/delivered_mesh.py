@@ -64,7 +64,7 @@ class Delivery:
         return None if self.bound is None else self.bound * 2 / math.sqrt(3)
 
     def share(self, part: str) -> Delivery:
-        """Return what is left for one of the parts that move a rigid object."""
+        """Return the delivery with the share of one of the parts that move a rigid object."""
         return Delivery(None if self.bound is None else self.bound * RIGID_SHARES[part])
 
 
@@ -168,11 +168,12 @@ class DeliveredMeshWriter(MeshWriter):
             del found["mode"]
         return found
 
-    def _finish(self, primitives: Sequence[dict[str, Any]], own: Int64Array) -> None:
+    def _row_map(self, own: Int64Array) -> dict[str, int]:
+        return {} if self._coded is None else self._coded.row_map(self._builder, self.sources[own])
+
+    def _finish(self, primitive: dict[str, Any], row_map: dict[str, int]) -> None:
         if self._coded is not None:
-            row_map = self._coded.row_map(self._builder, self.sources[own])
-            for one in primitives:
-                self._coded.add_to(one, row_map)
+            self._coded.add_to(primitive, row_map)
 
     def _extras(self, drawn: Sequence[tuple[int, NDArray[Any]]]) -> dict[str, Any]:
         return {}

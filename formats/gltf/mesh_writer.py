@@ -148,7 +148,7 @@ class MeshWriter:
             attributes |= {} if joints is None else self._builder.influences(joints[self.sources[own]])
             if parts[0].has_normals:
                 self._add_normals(attributes, morphs, own)
-            common = {"targets": morphs} if morphs else {}
+            common, row_map = {"targets": morphs} if morphs else {}, self._row_map(own)
             for part in parts:
                 primitive = {"attributes": attributes, **self._draw(part, own.size)}
                 drawn.append((part.mode, np.arange(own.size) if part.indices is None else part.indices))
@@ -157,7 +157,7 @@ class MeshWriter:
                 if part.groups:
                     primitive["extras"] = {GROUPS: list(part.groups)}
                 primitives.append(primitive | common)
-            self._finish(primitives[-len(parts) :], own)
+                self._finish(primitives[-1], row_map)
         mesh: dict[str, Any] = {"primitives": primitives, **self._extras(drawn)}
         if morphs:
             mesh["weights"] = self._motion.first_weights
@@ -182,8 +182,12 @@ class MeshWriter:
             "indices": self._builder.integers(part.indices, target=INDEX_DATA, triangles=is_triangles),
         }
 
-    def _finish(self, primitives: Sequence[dict[str, Any]], own: Int64Array) -> None:
-        """Complete primitives that have some rows."""
+    def _row_map(self, own: Int64Array) -> dict[str, int]:
+        """Return what a motion in the file needs to know of the rows that primitives share."""
+        return {}
+
+    def _finish(self, primitive: dict[str, Any], row_map: dict[str, int]) -> None:
+        """Complete a primitive that has rows with this map."""
 
     def _extras(self, drawn: Sequence[tuple[int, NDArray[Any]]]) -> dict[str, Any]:
         """Return the ``extras`` of a mesh that draws rows in some modes."""
