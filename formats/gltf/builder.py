@@ -27,6 +27,7 @@ from pdecodec.formats.gltf.file import (
     json_bytes,
 )
 from pdecodec.formats.gltf.packing import Coded, Packer, exponential, octahedral, quaternions
+from pdecodec.formats.gltf.references import drop_unused
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 
 QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
@@ -96,6 +97,9 @@ class GltfBuilder:
         self._folder = folder
         self._unpacked = 0
         self._others: list[dict[str, Any]] = []
+        self._compressed: list[dict[str, Any]] = []
+        self._source: GltfFile | None = None
+        self._kept: list[dict[str, Any]] = []
         self._packer = Packer() if meshopt else None
         self._shared: dict[tuple[object, ...], _SharedView] = {}
         self._places: dict[bytes, dict[str, int]] = {}
@@ -109,25 +113,47 @@ class GltfBuilder:
         return self._packer
 
     def begin_with(self, file: GltfFile) -> None:
-        """Start with everything that an existing file holds, its buffers joined to one. Call this before adding
-        anything.
-        """
+        """Start with everything that an existing file holds. Call this before adding anything."""
         mine = self.root.get("extensionsRequired", ())
         self.root = copy.deepcopy(dict(file.root))
         for extension in mine:
             self.require(extension)
-        numbers: dict[int, tuple[int, int]] = {}
-        for index, (entry, data) in enumerate(zip(self.root.get("buffers", []), file.buffers, strict=True)):
-            if data:
-                numbers[index] = 0, self._append(data)
-            else:
-                self._others.append(entry)
-                numbers[index] = len(self._others), 0
-        for view in self.root.get("bufferViews", []):
+        self._source, self._kept = file, list(self.root.get("bufferViews", ()))
+
+    def drop_unused(self) -> None:
+        """Drop accessors and buffer views of the existing file that nothing refers to any more."""
+        assert self._source is not None
+        drop_unused(self.root, self._source, self._place)
+
+    def _copy_kept(self) -> None:
+        """Copy the bytes of the existing file's buffer views that are still there."""
+        there = {id(one) for one in self.root.get("bufferViews", ())}
+        parts: dict[int, list[dict[str, Any]]] = {}
+        for view in self._kept:
             packed = [view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})]
-            for entry in (view, *packed):
-                number, offset = numbers[entry["buffer"]]
-                entry |= {"buffer": number, "byteOffset": entry.get("byteOffset", 0) + offset}
+            for entry in (view, *packed) if id(view) in there else ():
+                parts.setdefault(entry["buffer"], []).append(entry)
+        for index, entries in sorted(parts.items()):
+            assert self._source is not None
+            data = self._source.buffers[index]
+            if not data:
+                self._others.append(self.root["buffers"][index])
+                for entry in entries:
+                    entry["buffer"] = len(self._others)
+                continue
+            ranges: list[tuple[int, int, list[dict[str, Any]]]] = []
+            for entry in sorted(entries, key=lambda one: int(one.get("byteOffset", 0))):
+                first = int(entry.get("byteOffset", 0))
+                end = first + int(entry["byteLength"])
+                if ranges and first < ranges[-1][1]:
+                    start, last, members = ranges.pop()
+                    ranges.append((start, max(last, end), [*members, entry]))
+                else:
+                    ranges.append((first - first % _ALIGNMENT, end, [entry]))
+            for start, end, members in ranges:
+                shift = self._append(data[start:end]) - start
+                for entry in members:
+                    entry |= {"buffer": 0, "byteOffset": int(entry.get("byteOffset", 0)) + shift}
 
     def require(self, extension: str) -> None:
         """Declare an extension without which the file cannot be shown."""
@@ -202,7 +228,8 @@ class GltfBuilder:
             view.entry |= {"buffer": 0, "byteLength": data.nbytes, "byteOffset": self._append(data.data)}
             return
         mode, found = packed
-        view.entry |= {"buffer": 1 + len(self._others), "byteLength": data.nbytes, "byteOffset": self._unpacked}
+        view.entry |= {"byteLength": data.nbytes, "byteOffset": self._unpacked}
+        self._compressed.append(view.entry)
         self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
         place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
         view.entry["extensions"] = {
@@ -353,8 +380,11 @@ class GltfBuilder:
 
     def save(self, path: Path, *, as_text: bool = False) -> None:
         """Write the file as a GLB, or as JSON with its buffer in base64."""
+        self._copy_kept()
         while self._shared:
             self._compress(self._shared.pop(next(iter(self._shared))))
+        for entry in self._compressed:
+            entry["buffer"] = 1 + len(self._others)
         self._data.write(bytes(-self._data.tell() % _ALIGNMENT if not as_text else 0))
         length = self._data.tell()
         uri = {"uri": "data:application/octet-stream;base64,"} if as_text else {}

@@ -106,6 +106,13 @@ class GltfFile:
         values = as_declared(values, entry)
         return values[:, 0] if width == 1 else values
 
+    def stored_rows(self, index: int) -> tuple[NDArray[Any], int | None]:
+        """Return the rows (n, k) of an accessor without sparse ones, as they are stored, and its view's target."""
+        entry = self.root["accessors"][index]
+        dtype, width = np.dtype(COMPONENTS[entry["componentType"]]), WIDTHS[entry["type"]]
+        rows = self._rows(entry["bufferView"], int(entry.get("byteOffset", 0)), dtype, width, int(entry["count"]))
+        return rows, self.root["bufferViews"][entry["bufferView"]].get("target")
+
     def _rows(self, view_index: int, offset: int, dtype: np.dtype[Any], width: int, count: int) -> NDArray[Any]:
         view, data, first, end = self._view(view_index)
         start = first + offset

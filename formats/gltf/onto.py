@@ -198,7 +198,7 @@ class _Onto(GltfScene):
         if not self._animations:
             del builder.root["animations"]
         self._settle_extensions()
-        self._drop_bounds_of_unused()
+        builder.drop_unused()
         notices = [*motion_notices, *self._motion_notices(), *self._rigid_notices(rigid)]
         if self._start < self._original.start:
             notices.append(f"its animations start at 0 s, in place of {self._start:g} s, where the motion starts")
@@ -231,18 +231,6 @@ class _Onto(GltfScene):
                 root[kind] = [name for name in root[kind] if there.get(name, True)]
                 if not root[kind]:
                     del root[kind]
-
-    def _drop_bounds_of_unused(self) -> None:
-        """Drop bounds of accessors that nothing refers to: the values of those that were replaced may be gone."""
-        root = self._builder.root
-        primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
-        holders = [holder for one in primitives for holder in (one["attributes"], *one.get("targets", ()))]
-        used = {index for one in holders for index in one.values()}
-        used |= {one["input"] for animation in root.get("animations", ()) for one in animation["samplers"]}
-        for index, entry in enumerate(root.get("accessors", ())):
-            if index not in used:
-                entry.pop("min", None)
-                entry.pop("max", None)
 
     def _write_mesh(
         self,

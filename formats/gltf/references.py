@@ -1,0 +1,146 @@
+"""Find what a glTF file refers to, and drop accessors and buffer views that nothing refers to any more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pdecodec.formats.gltf.compression import DRACO
+from pdecodec.formats.gltf.file import POSITION_NEUTRAL_PREFIXES, READABLE_EXTENSIONS, GltfFile
+from pdecodec.formats.gltf.types import INSTANCING, MESH_MOTION
+
+Site = tuple[dict[str, Any], str]
+"""An object of the JSON and the key under which it has an index."""
+
+VERTEX_ALIGNMENT = 4
+"""Rows of vertex attributes begin at multiples of this [bytes]."""
+
+
+def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[str, int]]) -> None:
+    """Drop accessors and buffer views that nothing refers to, and number the others anew.
+
+    Extensions that are not known may refer to any: entries up to the largest number that they hold keep their place.
+
+    Parameters
+    ----------
+    root : dict
+        The JSON, which began as that of `file`.
+    file : GltfFile
+    place : callable
+        Adds rows with a target of buffer views, and returns the members of an accessor that say where the rows are.
+    """
+    for animation in root.get("animations", ()):
+        _keep(animation, "samplers", [(one, "sampler") for one in animation["channels"]], 0)
+    fixed = 1 + max(_numbers_of_unknown(root), default=-1)
+    accessors = root.get("accessors", [])
+    sites = list(_accessor_sites(root))
+    used = {owner[key] for owner, key in sites} | set(range(fixed))
+    shared = _partly_used(file, accessors, used, fixed)
+    attributes = {one[key] for one in _attribute_owners(root) for key in one}
+    for index in sorted(used.intersection(shared)):
+        # What is damaged, and needed for no position, stays as it is.
+        with suppress(KeyError, IndexError, TypeError, ValueError):
+            found = place(*_rows(file, index, is_attribute=index in attributes))
+            accessors[index].pop("byteOffset", None)
+            accessors[index] |= found
+    for index in range(min(fixed, len(accessors))):
+        if index not in {owner[key] for owner, key in sites}:
+            # The values of what was replaced may be gone.
+            accessors[index].pop("min", None)
+            accessors[index].pop("max", None)
+    _keep(root, "accessors", sites, fixed)
+    _keep(root, "bufferViews", list(_view_sites(root)), fixed)
+
+
+def _keep(owner: dict[str, Any], kind: str, sites: list[Site], fixed: int) -> None:
+    """Keep those entries of a list that are before `fixed`, or referred to, and number them anew."""
+    entries = owner.get(kind, [])
+    kept = sorted({one[key] for one, key in sites} | set(range(min(fixed, len(entries)))))
+    number = {index: place for place, index in enumerate(kept)}
+    # Primitives may share objects.
+    for one, key in {(id(one), key): (one, key) for one, key in sites}.values():
+        one[key] = number[one[key]]
+    entries[:] = [entries[index] for index in kept]
+    if kind in owner and not entries:
+        del owner[kind]
+
+
+def _partly_used(file: GltfFile, accessors: list[dict[str, Any]], used: set[int], fixed: int) -> list[int]:
+    """Return the original's accessors in buffer views that others, which are no longer used, are in."""
+    inside: dict[int, list[int]] = {}
+    whole = {one[key] for one, key in _view_sites(dict(file.root)) if "componentType" not in one or "type" not in one}
+    for index, entry in enumerate(file.listed("accessors")):
+        if "bufferView" in entry:
+            inside.setdefault(entry["bufferView"], []).append(index)
+    return [
+        index
+        for view, members in inside.items()
+        if view >= fixed and view not in whole and not used.issuperset(members)
+        for index in members
+        if index in used and accessors[index].get("bufferView") == view and not accessors[index]["type"].startswith("M")
+    ]
+
+
+def _rows(file: GltfFile, index: int, *, is_attribute: bool) -> tuple[NDArray[Any], int | None]:
+    """Return the stored rows of an accessor, and the target of their buffer view."""
+    rows, target = file.stored_rows(index)
+    if not is_attribute:
+        return rows.reshape(-1), target
+    size = rows.shape[1] * rows.itemsize
+    padded = np.zeros((len(rows), size + -size % VERTEX_ALIGNMENT), np.uint8)
+    padded[:, :size] = rows.view(np.uint8).reshape(len(rows), size)
+    return padded, target
+
+
+def _primitives(root: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for mesh in root.get("meshes", ()):
+        yield from mesh["primitives"]
+
+
+def _attribute_owners(root: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the objects whose members are accessors of attributes."""
+    for one in _primitives(root):
+        yield from (one["attributes"], *one.get("targets", ()))
+    for node in root.get("nodes", ()):
+        if INSTANCING in node.get("extensions", {}):
+            yield node["extensions"][INSTANCING].get("attributes", {})
+
+
+def _accessor_sites(root: dict[str, Any]) -> Iterator[Site]:
+    owners: list[tuple[dict[str, Any], tuple[str, ...]]] = [(one, tuple(one)) for one in _attribute_owners(root)]
+    for one in _primitives(root):
+        owners += [(one, ("indices",)), (one.get("extensions", {}).get(MESH_MOTION, {}), ("vertexMap",))]
+    owners += [(one, ("input", "output")) for animation in root.get("animations", ()) for one in animation["samplers"]]
+    owners += [(skin, ("inverseBindMatrices",)) for skin in root.get("skins", ())]
+    yield from ((owner, key) for owner, keys in owners for key in keys if key in owner)
+
+
+def _view_sites(root: dict[str, Any]) -> Iterator[Site]:
+    owners = [*root.get("accessors", ()), *root.get("images", ())]
+    owners += [
+        one["sparse"][part] for one in root.get("accessors", ()) if "sparse" in one for part in ("indices", "values")
+    ]
+    owners += [one.get("extensions", {}).get(DRACO, {}) for one in _primitives(root)]
+    owners += root.get("extensions", {}).get(MESH_MOTION, {}).get("motions", ())
+    yield from ((owner, "bufferView") for owner in owners if "bufferView" in owner)
+
+
+def _numbers_of_unknown(value: Any, *, inside: bool = False) -> Iterator[int]:
+    """Yield the whole numbers in extensions that are not known."""
+    if isinstance(value, dict):
+        for key, one in value.items():
+            if key == "extensions" and isinstance(one, dict):
+                for name, extension in one.items():
+                    is_known = name in READABLE_EXTENSIONS or name.startswith(POSITION_NEUTRAL_PREFIXES)
+                    yield from _numbers_of_unknown(extension, inside=inside or not is_known)
+            elif key != "extras":
+                yield from _numbers_of_unknown(one, inside=inside)
+    elif isinstance(value, list):
+        for one in value:
+            yield from _numbers_of_unknown(one, inside=inside)
+    elif inside and isinstance(value, int):
+        yield int(value)

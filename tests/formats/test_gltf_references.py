@@ -1,0 +1,113 @@
+"""What a glTF file no longer refers to, after its motion was replaced, is not in the output."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pdecodec.formats import open_sequence, write_onto
+from pdecodec.formats.gltf.file import read_gltf
+from pdecodec.mesh.arrays import Float32Array
+from pdecodec.mesh.sequence import ArraySequence
+from tests.support.browser_tools import assert_valid
+from tests.support.gltf_files import Scene
+
+DEAD, KEPT = 7.2734375, 0.6328125
+"""Values in what the motion replaces and in what stays."""
+
+PICTURE = base64.b64decode(
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAQAAAC1HAwCAAAAC0lEQVR42mNk+A8AAQUBAScY42YAAAAASUVORK5CYII="
+)
+
+
+def interleaved(path: Path) -> Path:
+    """Write a skinned sheet with a morph target: one buffer view holds positions, a second set of UVs, and UVs."""
+    made, rows = Scene(), np.full((4, 8), DEAD, np.float32)
+    rows[:, :2] += [[0, 0], [1, 0], [0, 1], [1, 1]]
+    rows[:, 4:] = KEPT
+    view = made.builder.view(rows, 34962)
+    root = made.builder.root
+    root["bufferViews"][view]["byteStride"] = 32
+    parts: list[dict[str, Any]] = [{"type": "VEC3", "byteOffset": 0}, {"type": "VEC2", "byteOffset": 16}]
+    parts[0] |= {"min": rows[:, :3].min(axis=0).tolist(), "max": rows[:, :3].max(axis=0).tolist()}
+    parts.append({"type": "VEC2", "byteOffset": 24})
+    names = ("POSITION", "TEXCOORD_0", "TEXCOORD_1")
+    attributes = {
+        name: made.builder.add("accessors", {"bufferView": view, "componentType": 5126, "count": 4, **part})
+        for name, part in zip(names, parts, strict=True)
+    }
+    target = made.builder.floats(np.full((4, 3), DEAD), bounds=True)
+    indices = made.builder.integers(np.array([0, 1, 2, 2, 1, 3]), target=34963)
+    mesh = made.builder.add(
+        "meshes",
+        {
+            "primitives": [
+                {"attributes": attributes, "indices": indices, "targets": [{"POSITION": target}], "material": 0}
+            ]
+        },
+    )
+    node = made.builder.add("nodes", {"name": "sheet", "mesh": mesh})
+    made.animate(node, "weights", [0, DEAD], [0, DEAD])
+    camera = made.builder.add("nodes", {"name": "camera", "translation": [KEPT] * 3})
+    made.animate(camera, "translation", [0, 1], [[KEPT, 0, 0]] * 2)
+    picture = made.builder.view(np.frombuffer(PICTURE, np.uint8))
+    made.builder.add("images", {"bufferView": picture, "mimeType": "image/png"})
+    made.builder.add("textures", {"source": 0})
+    made.builder.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0, "texCoord": 1}}})
+    made.builder.add("scenes", {"nodes": [node, camera]})
+    return made.save(path)
+
+
+def moved(path: Path) -> ArraySequence:
+    """Return another motion of the sheet in a file."""
+    with open_sequence(path) as read:
+        points = np.random.default_rng(0).normal(size=(3, 4, 3)).astype(np.float32)
+        return ArraySequence(points, objects=read.objects, fps=24, metadata=dict(read.metadata))
+
+
+def values(path: Path, name: str) -> Float32Array:
+    file = read_gltf(path)
+    found: Float32Array = file.accessor(file.root["meshes"][0]["primitives"][0]["attributes"][name])
+    return found
+
+
+@pytest.mark.parametrize("meshopt", [False, True])
+def test_data_that_a_motion_replaces_are_not_in_the_output(meshopt: bool, tmp_path: Path) -> None:
+    if meshopt:
+        pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
+    source, path = interleaved(tmp_path / "a.glb"), tmp_path / "b.glb"
+    write_onto(moved(source), source, path, meshopt=meshopt)
+    file = read_gltf(path)
+    dead = np.float32(DEAD).tobytes()
+    assert dead in source.read_bytes()
+    assert dead not in b"".join(file.view_bytes(index) for index in range(len(file.root["bufferViews"])))
+    assert dead not in path.read_bytes()
+    assert PICTURE in path.read_bytes()
+    for name in ("TEXCOORD_0", "TEXCOORD_1"):
+        assert np.array_equal(values(path, name), np.full((4, 2), KEPT, np.float32))
+    used = [one["sampler"] for one in file.root["animations"][0]["channels"]]
+    assert sorted(used) == list(range(len(file.root["animations"][0]["samplers"])))
+    with open_sequence(path) as read:
+        assert np.abs(read.read_frames(0, 3) - moved(source).points).max() <= 1e-6
+    again = tmp_path / "c.glb"
+    write_onto(moved(source), path, again, meshopt=meshopt)
+    assert abs(again.stat().st_size - path.stat().st_size) <= 8
+    if not meshopt:
+        assert_valid(path)
+
+
+def test_what_an_unknown_extension_may_refer_to_keeps_its_number_and_data(tmp_path: Path) -> None:
+    made = read_gltf(interleaved(tmp_path / "a.glb"))
+    scene = Scene()
+    scene.builder.begin_with(made)
+    scene.builder.root["extensions"] = {"ACME_hair": {"strands": [{"rootPositions": 0}]}}
+    scene.builder.root["extensionsUsed"] = ["ACME_hair"]
+    source, path = scene.save(tmp_path / "b.glb"), tmp_path / "c.glb"
+    assert np.array_equal(read_gltf(source).accessor(0), made.accessor(0))
+    write_onto(moved(source), source, path)
+    assert np.array_equal(read_gltf(path).accessor(0), made.accessor(0))
+    assert read_gltf(path).root["meshes"][0]["primitives"][0]["attributes"]["POSITION"] != 0
