@@ -15,10 +15,14 @@ import {
   findFramesAround,
   packWeights,
 } from "./motion.js";
+import { PdeanimError } from "./errors.js";
 import { DRAWN_SHADER, MAX_FUNCTIONS, NO_FRAGMENTS, SUM_SHADER, TEXTURE_WIDTH } from "./gpu-shaders.js";
 
 /** Extra zero weights after the last function: the shader takes four weights at once. */
 const WEIGHT_PADDING = 3;
+
+const refusalOf = (log) =>
+  new PdeanimError(`the graphics processor refuses a shader: ${log ?? "its context is lost"}`, "internal");
 
 /** Compile and link a program; `outputs` names the variables that transform feedback captures. */
 export function makeProgram(gl, vertex, fragment, outputs = []) {
@@ -30,13 +34,13 @@ export function makeProgram(gl, vertex, fragment, outputs = []) {
     const shader = gl.createShader(type);
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
-    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw new Error(gl.getShaderInfoLog(shader));
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw refusalOf(gl.getShaderInfoLog(shader));
     gl.attachShader(program, shader);
     gl.deleteShader(shader);  // as soon as the program is
   }
   if (outputs.length) gl.transformFeedbackVaryings(program, outputs, gl.SEPARATE_ATTRIBS);
   gl.linkProgram(program);
-  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw new Error(gl.getProgramInfoLog(program));
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw refusalOf(gl.getProgramInfoLog(program));
   return program;
 }
 

@@ -44,8 +44,8 @@ export abstract class GroupedMotion<Buffer> {
   removeDrawn(pair: DrawnBuffers<Buffer>): void;
   /** Compute positions and normals at a time [s] into pairs of buffers; by default all. */
   evaluate(time: number, pairs?: DrawnBuffers<Buffer>[]): void;
-  /** Fill one pair of buffers with given positions and normals of its vertices. */
-  write(pair: DrawnBuffers<Buffer>, positions: Float32Array, normals: Float32Array): void;
+  /** Fill one pair of buffers with given positions, and normals if there are any, of its vertices. */
+  write(pair: DrawnBuffers<Buffer>, positions: Float32Array, normals: Float32Array | null): void;
   /** Show the given positions and compute their normals. */
   show(positions: Float32Array): void;
   close(): void;

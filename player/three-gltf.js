@@ -176,6 +176,7 @@ export class GLTFMeshMotionExtension {
         animations.push(new AnimationClip(this.motions.nameOf(index), -1, tracks));
       }
     });
+    return null;
   }
 }
 

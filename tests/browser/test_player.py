@@ -199,6 +199,24 @@ def test_building_again_gives_the_same_module(tmp_path: Path) -> None:
     assert (tmp_path / "again.wasm").read_bytes() == (PLAYER / "pdeanim.wasm").read_bytes()
 
 
+def test_the_types_and_the_readme_name_every_export() -> None:
+    listed = json.loads((PLAYER / "package.json").read_text("utf-8"))["exports"]
+    readme = (PLAYER / "README.md").read_text("utf-8")
+    pattern = re.compile(
+        r"^export (?:abstract |async )?(?:class|function\*?|const) (\w+)|^export \{ ([\w, ]+) \}", re.M
+    )
+    for address, places in listed.items():
+        assert f"`pdeanim{address.removeprefix('.')}`" in readme
+        if isinstance(places, str):
+            continue
+        names, typed = (
+            set(", ".join(map("".join, pattern.findall((PLAYER / places[kind]).read_text("utf-8")))).split(", "))
+            for kind in ("default", "types")
+        )
+        assert names == typed
+        assert not {name for name in names if f"`{name}`" not in readme}
+
+
 def test_the_types_name_what_the_scripts_have() -> None:
     script = """
         const modules = {};

@@ -1,4 +1,6 @@
-import { PdeAnimation, PdeanimError, compile } from "pdeanim";
+import { Document, NodeIO } from "@gltf-transform/core";
+import { HttpSource, MemorySource, PdeAnimation, PdeanimError, compile } from "pdeanim";
+import { MeshMotions, Motion, PDECODECMeshMotion, PrimitiveMotion, VERTEX_ATTRIBUTE } from "pdeanim/gltf-transform";
 import { GpuMotion } from "pdeanim/gpu";
 import { WebGpuMotion } from "pdeanim/webgpu";
 import { trianglesOf, normalsOf } from "pdeanim/mesh";
@@ -42,6 +44,20 @@ async function play(gl: WebGL2RenderingContext, device: GPUDevice): Promise<numb
   return read.length + (clip.isOnGpu ? 1 : 0) + (buffer && vertices ? 1 : 0);
 }
 
+async function transform(document: Document, isRemote: boolean): Promise<number> {
+  const source = isRemote ? await HttpSource.open("cloth.pdeanim") : new MemorySource(new ArrayBuffer(8));
+  const io = new NodeIO().registerExtensions([PDECODECMeshMotion]);
+  const extension = document.createExtension(PDECODECMeshMotion);
+  const motion: Motion = extension.createMotion("wave").setData(source.read(0, 8)!).setSettings({ duration: 1 });
+  const motions: MeshMotions = extension.createMotions().addMotion(motion);
+  document.getRoot().setExtension("PDECODEC_mesh_motion", motions);
+  const primitive = document.createPrimitive().setAttribute(VERTEX_ATTRIBUTE, document.createAccessor());
+  const own: PrimitiveMotion = extension.createPrimitiveMotion().setMotion(motion);
+  primitive.setExtension("PDECODEC_mesh_motion", own.setSettings({ min: [0, 0, 0], max: [1, 1, 1] }));
+  return (await io.writeBinary(document)).length;
+}
+
+transform satisfies (document: Document, isRemote: boolean) => Promise<number>;
 play satisfies (gl: WebGL2RenderingContext, device: GPUDevice) => Promise<number>;
 
 export const codeOf = (error: unknown): string | null => (error instanceof PdeanimError ? error.code : null);
