@@ -29,6 +29,7 @@ smartquotes = False
 html_title = f"pdecodec {release}"
 html_static_path = ["site.css"]
 html_css_files = ["site.css"]
+html_use_index = False
 html_copy_source = False
 html_show_sourcelink = False
 
