@@ -14,7 +14,7 @@ import pytest
 from spec.extension.make_example import PATH
 from tests.browser.test_gltf_in_three import MOVED, NAME, assert_close, points_at
 from tests.formats.test_gltf_mesh_motion import changed
-from tests.support.browser_pages import GRAPHICS, READ, showing
+from tests.support.browser_pages import GRAPHICS, HELPERS, showing
 from tests.support.browser_tools import bundle, node_module
 from tests.support.driven_browser import Browser
 
@@ -158,7 +158,7 @@ def built(packed_player: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     folder: Path = tmp_path_factory.mktemp("babylon")
     shutil.copytree(packed_player, folder / "node_modules" / "pdeanim")
     (folder / "node_modules" / "@babylonjs").symlink_to(node_module("@babylonjs"))
-    (folder / "main.js").write_text(READ + MAIN)
+    (folder / "main.js").write_text(HELPERS + MAIN)
     (folder / "index.html").write_text('<!doctype html><script type="module" src="built/main.js"></script>')
     shutil.copy(PATH, folder)
     changed(folder / "lines.glb", add_lines)
@@ -283,15 +283,9 @@ def test_the_graphics_processor_keeps_nothing_and_survives_a_lost_context(page: 
     if page.run("return !gl"):
         pytest.skip("WebGL alone tells what is left, and comes back")
     left, again, is_on_gpu = page.run(
-        "const live = new Set();"
-        "const kinds = ['Buffer', 'Texture', 'VertexArray', 'TransformFeedback'];"
-        "for (const kind of kinds) {"
-        " const [make, free] = [gl[`create${kind}`].bind(gl), gl[`delete${kind}`].bind(gl)];"
-        " gl[`create${kind}`] = (...given) => { const one = make(...given); live.add(one); return one; };"
-        " gl[`delete${kind}`] = (one) => { live.delete(one); free(one); }; }"
-        "const left = []; for (let k = 0; k < 4; k++) { const container = await load();"
+        "const left = await countLeft(gl, async () => { const container = await load();"
         " for (const one of movedOf(container.meshes)) one.motionState.set(0.5, 1);"
-        " await tick(); await tick(); container.dispose(); left.push(live.size); }"
+        " await tick(); await tick(); container.dispose(); });"
         "const { meshes } = await load(); const [flag] = movedOf(meshes); flag.motionState.set(0.3, 1); await tick();"
         "const lost = gl.getExtension('WEBGL_lose_context');"
         "const isBack = new Promise((next) => scene.getEngine().onContextRestoredObservable.addOnce(next));"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -28,21 +28,26 @@ GPU_MARGIN = 4e-6
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browsing(tmp_path_factory.mktemp("profile")) as opened:
-        opened.resize(1000, 640)
-        yield opened
+def opened(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browsing(tmp_path_factory.mktemp("profile")) as browser:
+        browser.resize(1000, 640)
+        yield browser
 
 
-def written(*arguments: str | Path) -> None:
-    assert run(["view", *map(str, arguments)]) == 0
+@pytest.fixture
+def show(opened: Browser, tmp_path: Path) -> Iterator[Callable[..., Browser]]:
+    """Return a function that shows the page that ``view`` writes of its arguments; there must be no errors."""
 
+    def show(*arguments: str | Path) -> Browser:
+        page = tmp_path / "page.html"
+        assert run(["view", *map(str, arguments), "-o", str(page)]) == 0
+        opened.open(page.resolve().as_uri())
+        opened.run("await pdeanimView.ready")
+        assert opened.run("return document.getElementById('message').textContent") == ""
+        return opened
 
-def ready(browser: Browser, page: Path) -> None:
-    browser.open(page.resolve().as_uri())
-    browser.run("await pdeanimView.ready")
-    assert browser.errors() == []
-    assert browser.run("return document.getElementById('message').textContent") == ""
+    yield show
+    assert opened.errors() == []
 
 
 @pytest.fixture(scope="module", params=CLIPS)
@@ -86,12 +91,10 @@ def two_sheets() -> ArraySequence:
 
 @pytest.mark.data
 def test_the_graphics_processor_has_the_positions_that_the_library_has(
-    browser: Browser, clip: tuple[Path, Path], tmp_path: Path
+    show: Callable[..., Browser], clip: tuple[Path, Path]
 ) -> None:
     source, coded = clip
-    page = tmp_path / "page.html"
-    written(coded, "--original", source, "-o", page)
-    ready(browser, page)
+    browser = show(coded, "--original", source)
     with open_animation(coded) as animation:
         extent = float(np.ptp(animation.positions(0.0), axis=0).max())
         for time in np.linspace(animation.times[0], animation.times[-1], 10):
@@ -100,15 +103,12 @@ def test_the_graphics_processor_has_the_positions_that_the_library_has(
             points = np.array(found["positions"], np.float64).reshape(-1, 3)
             scale = extent + np.abs(points).max()
             assert np.abs(points - animation.positions(float(time))).max() <= GPU_MARGIN * scale
-    assert browser.errors() == []
 
 
 @pytest.mark.data
-def test_the_page_shows_how_far_the_original_is(browser: Browser, clip: tuple[Path, Path], tmp_path: Path) -> None:
+def test_the_page_shows_how_far_the_original_is(show: Callable[..., Browser], clip: tuple[Path, Path]) -> None:
     source, coded = clip
-    page = tmp_path / "page.html"
-    written(coded, "--original", source, "-o", page)
-    ready(browser, page)
+    browser = show(coded, "--original", source)
     browser.run("pdeanimView.pause(); while (!pdeanimView.errors.isDone) pdeanimView.errors.step()")
     most, worst = browser.run("const { most, worst } = pdeanimView.errors; return [[...most], worst]")
     with open_animation(coded) as animation, open_sequence(source) as original:
@@ -121,7 +121,6 @@ def test_the_page_shows_how_far_the_original_is(browser: Browser, clip: tuple[Pa
     assert browser.run("return pdeanimView.time === pdeanimView.animation.times[arguments_[0]]", worst["frame"])
     assert not browser.run("return document.getElementById('mark').hidden")
     keep_picture(browser, coded.stem)
-    assert browser.errors() == []
 
 
 def keep_picture(browser: Browser, name: str) -> None:
@@ -134,16 +133,14 @@ def keep_picture(browser: Browser, name: str) -> None:
 
 def test_a_page_needs_nothing_but_itself(waves: tuple[Path, Path], tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    written(waves[0], "-o", page)
+    assert run(["view", str(waves[0]), "-o", str(page)]) == 0
     text = page.read_text("utf-8")
     assert not re.search(r"(src|href)\s*=", text)
     assert not re.search(r"https?://(?!www\.w3\.org/2000/svg)", text)
 
 
-def test_keys_play_step_and_choose(browser: Browser, waves: tuple[Path, Path], tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    written(waves[0], "-o", page)
-    ready(browser, page)
+def test_keys_play_step_and_choose(show: Callable[..., Browser], waves: tuple[Path, Path]) -> None:
+    browser = show(waves[0])
     state = "const { time, isPlaying, object } = pdeanimView; return [time, isPlaying, object]"
     press = "document.dispatchEvent(new KeyboardEvent('keydown', { key: arguments_[0] }));"
     browser.run(press, "Home")
@@ -168,15 +165,12 @@ def test_keys_play_step_and_choose(browser: Browser, waves: tuple[Path, Path], t
     assert browser.run("return pdeanimView.camera.distance") == pytest.approx(distance)
     browser.run(press, " ")
     assert browser.run(state)[1]
-    assert browser.errors() == []
 
 
 def test_two_files_are_shown_side_by_side_and_over_each_other(
-    browser: Browser, waves: tuple[Path, Path], tmp_path: Path
+    show: Callable[..., Browser], waves: tuple[Path, Path]
 ) -> None:
-    page = tmp_path / "page.html"
-    written(*waves, "-o", page)
-    ready(browser, page)
+    browser = show(*waves)
     browser.run(
         "pdeanimView.pause(); pdeanimView.seek(0.51); while (!pdeanimView.errors.isDone) pdeanimView.errors.step()"
     )
@@ -191,19 +185,15 @@ def test_two_files_are_shown_side_by_side_and_over_each_other(
         expected = np.linalg.norm(fine.positions(0.51).astype(np.float64) - coarse.positions(0.51), axis=1)
     found = browser.run("return pdeanimView.worstVertexNow()")
     assert found["value"] == pytest.approx(expected.max(), rel=1e-4)
-    assert browser.errors() == []
 
 
-def test_a_file_whose_faces_change_plays_run_by_run(browser: Browser, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    written(accepted_files()["runs"], "-o", page)
-    ready(browser, page)
+def test_a_file_whose_faces_change_plays_run_by_run(show: Callable[..., Browser]) -> None:
+    browser = show(accepted_files()["runs"])
     with open_animation(accepted_files()["runs"]) as animation:
         for time in animation.times:
             found = browser.run("return pdeanimView.readPositions(arguments_[0]).positions", float(time))
             expected = animation.positions(float(time))
             assert np.abs(np.array(found).reshape(-1, 3) - expected).max() <= GPU_MARGIN * (1 + np.abs(expected).max())
-    assert browser.errors() == []
 
 
 SHADES = {"low": (0x44, 0x01, 0x54), "high": (0xFD, 0xE7, 0x25), "cold": (0x3B, 0x4C, 0xC0), "grey": (0xDD, 0xDD, 0xDD)}
@@ -259,11 +249,10 @@ def three_squares() -> ArraySequence:
     return ArraySequence(np.tile(points, (6, 1, 1)), objects=objects, times=time / 2, fields=fields)
 
 
-def test_colours_stand_for_values_of_a_field(browser: Browser, tmp_path: Path) -> None:
-    coded, page = tmp_path / "squares.pdeanim", tmp_path / "page.html"
+def test_colours_stand_for_values_of_a_field(show: Callable[..., Browser], tmp_path: Path) -> None:
+    coded = tmp_path / "squares.pdeanim"
     encode(three_squares(), coded)
-    written(coded, "-o", page)
-    ready(browser, page)
+    browser = show(coded)
     names = "return [...document.getElementById('colour').options].map((option) => option.text)"
     choices = ["heat", "stress <i>", "paint", "is on", "flow, magnitude", "flow x", "flow y"]
     assert browser.run(names) == ["one colour", "by patch or curve", *choices]
@@ -284,26 +273,21 @@ def test_colours_stand_for_values_of_a_field(browser: Browser, tmp_path: Path) -
     assert ends[0][2] > ends[0][0], "below zero is blue"
     assert ends[2][0] > ends[2][2], "above zero is red"
     assert browser.run("return document.getElementById('none').hidden") is False
-    assert browser.errors() == []
 
 
-def test_fields_of_cells_are_not_offered(browser: Browser, tmp_path: Path) -> None:
-    page = tmp_path / "page.html"
-    written(accepted_files()["solids"], "-o", page)
-    ready(browser, page)
+def test_fields_of_cells_are_not_offered(show: Callable[..., Browser]) -> None:
+    browser = show(accepted_files()["solids"])
     names = "return [...document.getElementById('colour').options].map((option) => option.text)"
     assert browser.run(names) == ["one colour", "by patch or curve"]
     assert browser.run("return pdeanimView.animation.fieldList.map(({ domain }) => domain)") == ["cells"]
     assert browser.run("return pdeanimView.animation.attributes(0).map(({ domain }) => domain)") == ["cells"]
-    assert browser.errors() == []
 
 
-def test_the_value_under_the_pointer_is_that_of_the_library(browser: Browser, tmp_path: Path) -> None:
-    source, coded, page = tmp_path / "squares.npz", tmp_path / "squares.pdeanim", tmp_path / "page.html"
+def test_the_value_under_the_pointer_is_that_of_the_library(show: Callable[..., Browser], tmp_path: Path) -> None:
+    source, coded = tmp_path / "squares.npz", tmp_path / "squares.pdeanim"
     write_sequence(three_squares(), source)
     encode(three_squares(), coded, field_tolerance=1e-2)
-    written(coded, "--original", source, "-o", page)
-    ready(browser, page)
+    browser = show(coded, "--original", source)
     with open_animation(coded) as animation, open_sequence(source) as original:
         for name, place, element, row in (
             ("heat", [0.9, 0.1, 0], "vertex 2 of two", 2),
@@ -328,7 +312,6 @@ def test_the_value_under_the_pointer_is_that_of_the_library(browser: Browser, tm
         lines, _ = browser.run(LOOK_ALONG_Z + CHOOSE + UNDER, "flow, magnitude", [0.1, 0.1, 0])
         assert lines[:2] == ["flow, magnitude: 5", "x 3, y 4"]
         assert browser.run(LOOK_ALONG_Z + CHOOSE + UNDER, "heat", [5.0, 5.0, 0]) == [None, None]
-    assert browser.errors() == []
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from tests.support.remote_server import serving
 
 README = BROWSER.parents[1] / "player" / "README.md"
 
-READ = """
+HELPERS = """
 /** Read three floats for each of `count` vertices from a buffer. */
 function readFromContext(gl, buffer, count) {
   const found = new Float32Array(3 * count);
@@ -24,6 +24,36 @@ function readFromContext(gl, buffer, count) {
   gl.bindBuffer(gl.ARRAY_BUFFER, null);
   return found;
 }
+
+/** Count what is made and not freed in a context after each of four rounds of work. */
+async function countLeft(gl, work) {
+  const live = new Set();
+  const kinds = ["Buffer", "Texture", "Program", "Shader", "VertexArray", "TransformFeedback"];
+  for (const kind of kinds) {
+    const [make, free] = [gl[`create${kind}`].bind(gl), gl[`delete${kind}`].bind(gl)];
+    gl[`create${kind}`] = (...given) => {
+      const one = make(...given);
+      live.add(one);
+      return one;
+    };
+    gl[`delete${kind}`] = (one) => {
+      live.delete(one);
+      free(one);
+    };
+  }
+  const left = [];
+  for (let k = 0; k < 4; k++) {
+    await work();
+    left.push(live.size);
+  }
+  for (const kind of kinds) {
+    delete gl[`create${kind}`];
+    delete gl[`delete${kind}`];
+  }
+  return left;
+}
+
+globalThis.countLeft = countLeft;
 
 async function readFromDevice(device, buffer, count) {
   const size = 12 * count;
@@ -72,7 +102,7 @@ def readme_block(language: str, wanted: str = "") -> str:
 def three_page(site: Path, folder: Path, script: str, graphics: str = "WebGL") -> Path:
     """Copy `site` to a new folder with an ``index.html``, whose `script` has ``THREE`` and a ``renderer``."""
     own = "three/webgpu" if graphics == "WebGPU" else "three"
-    module = f'import * as THREE from "{own}";\n{READ}{GRAPHICS[graphics]}{script}'
+    module = f'import * as THREE from "{own}";\n{HELPERS}{GRAPHICS[graphics]}{script}'
     shutil.copytree(site, folder, symlinks=False)
     text = f'<!doctype html>\n{readme_block("html")}\n<script type="module">\n{module}</script>\n'
     (folder / "index.html").write_text(text)
