@@ -61,7 +61,7 @@ def import_clip(
         settings.use_fields = use_fields
         settings.object_name, settings.object_number = item.name, number
         # Set without its update, which shows a frame on every object.
-        settings["filepath"] = bpy.path.relpath(path) if bpy.data.filepath else path
+        settings["filepath"] = player.relative(path, bpy.data.filepath)
         _folder(folders, above).objects.link(thing)
         found.append(thing)
     if set_frame_range:

@@ -108,6 +108,14 @@ def path_of(thing: bpy.types.Object) -> str:
     return os.path.normpath(bpy.path.abspath(thing.pdeanim.filepath, library=thing.library))
 
 
+def relative(path: str, blend: str) -> str:
+    """Return a path as seen from a .blend file, after ``//``; the path itself if they have no drive in common."""
+    try:
+        return bpy.path.relpath(path, start=os.path.dirname(blend)) if blend else path
+    except ValueError:
+        return path
+
+
 def message_of(thing: bpy.types.Object) -> str:
     """Return what is wrong with an object's file; empty if nothing is."""
     return _messages.get(thing.session_uid, "")
@@ -203,7 +211,39 @@ def show_opened(*_: Any) -> None:
         )
 
 
-HANDLERS = {"frame_change_post": show_frame, "load_post": show_opened, "undo_post": show_again, "redo_post": show_again}
+_paths_before_saving: dict[int, str] = {}
+"""Relative paths of objects, by their identifiers, while the .blend file is being saved."""
+
+
+@persistent
+def point_from_new_folder(target: str) -> None:
+    """Before a .blend file is saved elsewhere, change relative paths so that they lead to the same files from there."""
+    _paths_before_saving.clear()
+    for thing in bpy.data.objects:
+        if thing.library is None and thing.pdeanim.filepath.startswith("//") and target:
+            _paths_before_saving[thing.session_uid] = thing.pdeanim.filepath
+            # Set without its update, which shows a frame on every object.
+            thing.pdeanim["filepath"] = relative(path_of(thing), target)
+
+
+@persistent
+def point_from_open_file(target: str) -> None:
+    """After only a copy was saved, change the paths back."""
+    if target != bpy.data.filepath:
+        for thing in bpy.data.objects:
+            if thing.session_uid in _paths_before_saving:
+                thing.pdeanim["filepath"] = _paths_before_saving[thing.session_uid]
+
+
+HANDLERS = {
+    "frame_change_post": show_frame,
+    "load_post": show_opened,
+    "undo_post": show_again,
+    "redo_post": show_again,
+    "save_pre": point_from_new_folder,
+    "save_post": point_from_open_file,
+    "save_post_fail": point_from_open_file,
+}
 """Functions by the lists of :mod:`bpy.app.handlers` that they are in."""
 
 

@@ -384,6 +384,16 @@ def test_a_saved_file_finds_its_animation_again_by_a_relative_path(stage: Any, t
     with pdecodec.open(tmp_path / "moved/a.pdeanim") as animation:
         assert np.allclose(read(thing.data.vertices, "co", 3), animation.positions(5 / RATE), atol=1e-6)
         assert np.allclose(shown(thing, 3.5), animation.positions(2.5 / RATE), atol=1e-6)
+    (tmp_path / "shot").mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot/copy.blend"), copy=True)
+    assert thing.pdeanim.filepath == "//a.pdeanim"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot/shot.blend"))
+    assert thing.pdeanim.filepath == "//../moved/a.pdeanim"
+    for name in ("copy", "shot"):
+        bpy.ops.wm.open_mainfile(filepath=str(tmp_path / f"shot/{name}.blend"))
+        (thing,) = (one for one in bpy.context.scene.objects if one.pdeanim.filepath)
+        assert thing.pdeanim.filepath == "//../moved/a.pdeanim"
+        assert not player.message_of(thing)
 
 
 def test_a_missing_file_is_a_message_until_it_is_back(stage: Any, tmp_path: Path, capfd: Any) -> None:
