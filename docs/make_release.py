@@ -32,6 +32,7 @@ STATED = {
     "plugins/blender/README.md": r"blender-pdecodec-([\d.]+)-",
     "plugins/usd/pyproject.toml": r'^version = "(.+)"',
     "plugins/usd/CMakeLists.txt": r"^project\(pdeanim_usd VERSION (\S+)",
+    "docs/install.md": r"pdecodec==([\d.]+)",
     "CITATION.cff": r"^version: (.+)",
     "CHANGELOG.md": r"^## \[(\d.*)\] - \d{4}-\d\d-\d\d$",
 }
@@ -48,10 +49,15 @@ def stated_versions() -> dict[str, str]:
     return {name: match[1] if match else "none" for name, match in found.items()}
 
 
+def without_links(text: str) -> str:
+    """Return text without links within the repository, which lead nowhere elsewhere: their labels stay."""
+    return re.sub(r"\[([^\]]*)\]\((?!https?:)[^)]*\)", r"\1", text)
+
+
 def notes(version: str) -> str:
     """Return the changelog's section of a version, without its heading."""
     _, _, rest = read("CHANGELOG.md").partition(f"\n## [{version}]")
-    return re.split(r"\n## \[|\n\[Unreleased\]:", rest.partition("\n")[2], maxsplit=1)[0].strip() + "\n"
+    return without_links(re.split(r"\n## \[|\n\[Unreleased\]:", rest.partition("\n")[2], maxsplit=1)[0]).strip() + "\n"
 
 
 def write_archive(path: Path, files: Mapping[str, bytes]) -> None:
@@ -87,9 +93,7 @@ def pack(folder: Path, version: str) -> None:
     """Write the archives and the page about them into a folder, then the checksums of all of its files."""
     write_archive(folder / f"pdeanim-decoder-{version}.zip", decoder_files())
     write_archive(folder / f"pdeanim-vectors-{FORMAT}.zip", vector_archive())
-    # Links within the repository have no place to lead to: their labels stay.
-    page = re.sub(r"\[([^\]]*)\]\((?!https?:)[^)]*\)", r"\1", read("docs/install.md"))
-    (folder / "INSTALL.md").write_text(page, encoding="utf-8")
+    (folder / "INSTALL.md").write_text(without_links(read("docs/install.md")), encoding="utf-8")
     paths = sorted(path for path in folder.iterdir() if path.is_file() and path.name != "SHA256SUMS")
     sums = "".join(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in paths)
     (folder / "SHA256SUMS").write_text(sums, encoding="utf-8")

@@ -42,7 +42,7 @@ def test_all_files_state_one_version_and_the_changelog_tells_what_is_in_it() -> 
     assert "### What you can do" in same.stdout
     assert "## [" not in same.stdout
     assert f"pyproject.toml states {version}, not 0.0.9" in other.stderr
-    assert other.stderr.count("\n") == 10, "one line for each file that states a version"
+    assert other.stderr.count("\n") == 11, "one line for each file that states a version"
 
 
 @pytest.mark.parametrize("name", ["batch", "cli", "formats", "player", "report"])
