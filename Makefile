@@ -170,7 +170,7 @@ release: .venv/tools
 	mkdir -p dist
 	$(if $(PACKAGES),$(MAKE) --no-print-directory $(PACKAGES))
 	$(PIP) 'typst~=0.15' 'pypandoc-binary~=1.17'
-	$(MAKE) --no-print-directory blender-extension WHEEL="$$(ls dist/pdecodec-*_$$(uname -m).whl)"
+	for wheel in dist/pdecodec-*.whl; do $(MAKE) --no-print-directory blender-extension WHEEL=$$wheel || exit 1; done
 	$(if $(shell command -v npm),npm pack --silent --pack-destination dist ./player,@echo 'no npm package: npm is not here')
 	if echo '#include <zstd.h>' | c++ -E -x c++ - >/dev/null 2>&1; \
 		then $(BIN)/python -m pip wheel --quiet --no-deps --wheel-dir dist ./plugins/usd; \
@@ -207,11 +207,13 @@ wasm: $(INSTALLED)
 interop: $(READY) browser
 	$(BIN)/python -m tests.interop.table docs/interop.md
 
-# The extension with its wheels for this kind of machine, and for the Python of Blender 4.2 to 5.0.
+# The extension with its wheels for this kind of machine, or that of the wheel WHEEL, for the Python of Blender 4.2 to 5.0.
+TAGS = $(filter-out linux_%,$(subst ., ,$(lastword $(subst -, ,$(basename $(WHEEL))))))
 blender-extension: $(if $(WHEEL),.venv/tools,$(READY))
 	rm -rf build/blender && mkdir -p build/blender
 	$(if $(WHEEL),cp $(WHEEL),$(BIN)/python -m build --wheel --no-isolation --outdir) build/blender
-	$(BIN)/python -m pip download --quiet --no-deps --only-binary :all: --python-version 3.11 --dest build/blender 'nanobind-backend<2'
+	$(BIN)/python -m pip download --quiet --no-deps --only-binary :all: --python-version 3.11 $(addprefix --platform ,$(TAGS)) \
+		--dest build/blender 'nanobind-backend<2'
 	$(BIN)/python plugins/blender/build.py dist build/blender/*.whl
 
 # The file format plug-in for the usd-core of PLUGINS_PYTHON; plugins/usd/README.md says what it needs.
