@@ -259,7 +259,7 @@ def motion_options(command: Callable[..., None]) -> Callable[..., None]:
         if not motion and (tolerance is not None or max_error is not None):
             name = "--max-error" if tolerance is None else "--tolerance"
             raise SettingsError(f"{name} is for --motion or a .pdeanim OUT; leave it out")
-        if motion and (options["rigid"] or options["straight"]):
+        if motion and (options.get("rigid") or options.get("straight")):
             told = (
                 "--rigid moves nodes, and --motion vertices" if options["rigid"] else "--motion has no --straight lines"
             )

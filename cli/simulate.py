@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from pdecodec.cli.console import extent, print_json, progress_bar, say, say_notices
-from pdecodec.cli.options import check_output, json_option, output_option, overwrite_option, refuse_pdeanim
+from pdecodec.cli.options import (
+    check_output,
+    is_gltf,
+    json_option,
+    motion_options,
+    output_option,
+    overwrite_option,
+    refuse_pdeanim,
+)
+from pdecodec.errors import SettingsError
 from pdecodec.simulate.scenes import SCENES, OptionInfo
+
+if TYPE_CHECKING:
+    from pdecodec.codec.settings import EncodeSettings
 
 
 @click.group(subcommand_metavar="SCENE -o OUT [OPTIONS]")
@@ -63,6 +75,7 @@ def _scene_command(name: str) -> click.Command:
             help="Also write velocities, elastic energies and Lagrange multipliers, as fields of the vertices.",
         ),
         *(_scene_option(option) for option in SCENES[name].options),
+        motion_options,
         overwrite_option,
         json_option,
     )
@@ -90,6 +103,7 @@ def _simulate(
     iterations: int,
     method: Any,
     fields: bool,
+    motion: EncodeSettings | None,
     overwrite: bool,
     as_json: bool,
 ) -> None:
@@ -99,12 +113,14 @@ def _simulate(
     started = time.perf_counter()
     refuse_pdeanim(output, f"simulate to .npz or .h5 first, then pdecodec encode it into {output}")
     check_output(output, overwrite=overwrite)
+    if motion is not None and not is_gltf(output):
+        raise SettingsError("is for glTF; leave it out", code="setting-unsupported", path=output, setting="motion")
     scene = build(name, **options)
     sequence = scene.simulate(
         frames=frames, fps=fps, substeps=substeps, iterations=iterations, method=method, fields=fields
     )
     with progress_bar() as progress:
-        notices = write_sequence(sequence, output, overwrite=overwrite, progress=progress)
+        notices = write_sequence(sequence, output, overwrite=overwrite, progress=progress, motion=motion)
     say_notices(notices)
     seconds = time.perf_counter() - started
     counts = {"frames": sequence.frame_count, "vertices": sequence.vertex_count}

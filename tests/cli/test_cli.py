@@ -17,6 +17,7 @@ from pdecodec.cli.main import run
 from pdecodec.formats import list_formats, open_sequence, write_sequence
 from pdecodec.mesh.sequence import ArraySequence, Connectivity, MeshObject
 from spec.sealing import take_apart
+from tests.formats.test_gltf_mesh_motion import largest_distance
 from tests.support.command_line import Capture, done, json_of
 
 FRAMES, ROWS, COLUMNS = 20, 10, 12
@@ -287,6 +288,25 @@ def test_compare_at_frames_measures_an_animation_at_times_it_has_not_seen(
     found = json_of(capsys, "compare", trimmed, half, "--at-frames")
     assert found["frames"] == [19, 19]
     assert found["e_m"] < 0.01
+
+
+def test_every_command_that_writes_gltf_stores_motion(tmp_path: Path) -> None:
+    clip = ["--columns", "6", "--rows", "5", "--frames", "4"]
+    motion = ("--motion", "--max-error", "1e-3", "--effort", "fast", "--overwrite")
+    done("simulate", "cloth", *clip, "-o", tmp_path / "a.npz")
+    done("encode", tmp_path / "a.npz", "-o", tmp_path / "a.pdeanim")
+    for command in (
+        ("simulate", "cloth", *clip),
+        ("convert", tmp_path / "a.npz"),
+        ("decode", tmp_path / "a.pdeanim"),
+        ("decode", tmp_path / "a.pdeanim", "--onto", tmp_path / "original.glb"),
+        ("decode", tmp_path / "a.pdeanim", "--salvage"),
+    ):
+        done("convert", tmp_path / "a.npz", "-o", tmp_path / "original.glb", "--overwrite")
+        done(*command, "-o", tmp_path / "b.glb", *motion)
+        assert b"PDECODEC_mesh_motion" in (tmp_path / "b.glb").read_bytes(), command
+        with open_sequence(tmp_path / "b.glb") as found, open_sequence(tmp_path / "a.npz") as expected:
+            assert largest_distance(found, expected) <= 3e-3, command
 
 
 def test_simulate_writes_a_scene_of_the_given_size_and_formats_lists_formats(tmp_path: Path, capsys: Capture) -> None:

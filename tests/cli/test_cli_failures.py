@@ -130,6 +130,8 @@ ENCODE, DECODE = "encode a.npz -o a.pdeanim", "decode a.pdeanim -o a.npz"
         (f"{ENCODE} --preset hero --tolerance 1", "--preset and --tolerance exclude each other; give one of them"),
         (f"{ENCODE} --max-error 1 --size 1", "--max-error and --size exclude each other; give one of them"),
         ("simulate cloth -o a.pdeanim", "pdecodec encode"),
+        ("simulate cloth -o a.obj --motion", "motion is for glTF; leave it out"),
+        ("simulate cloth -o a.glb --tolerance 1e-3", "--tolerance is for --motion"),
         ("decode a.pdeanim -o b.pdeanim", "pdecodec encode"),
         (f"{DECODE} --at 1 --fps 30", "exclude each other"),
         (f"{DECODE} --outside clamp", "--at or --times"),
