@@ -273,3 +273,52 @@ def test_a_scene_that_a_file_carries_keeps_its_materials_and_gets_the_motion(
         scale = frame_scale(expected[0])
         assert np.abs(positions - expected).max() <= 2.001e-3 * scale
         assert [one.name for one in found.objects] == ["flag", "ball"]
+
+
+SHIFTS = np.array([[0, 0, 0], [5, 0, 1], [0, 7, 0]], np.float32)
+
+
+def instanced(path: Path, scales: Float32Array) -> Path:
+    """Write a copy of the example that shows the flag three times (EXT_mesh_gpu_instancing)."""
+    _, data = split(PATH)
+
+    def change(root: dict[str, Any]) -> None:
+        for number, name in enumerate(("TRANSLATION", "SCALE")):
+            root["bufferViews"].append({"buffer": 0, "byteOffset": len(data) + 36 * number, "byteLength": 36})
+            entry = {"bufferView": len(root["bufferViews"]) - 1, "componentType": 5126, "count": 3, "type": "VEC3"}
+            root["accessors"].append(entry)
+            own = root["nodes"][0].setdefault("extensions", {}).setdefault("EXT_mesh_gpu_instancing", {})
+            own.setdefault("attributes", {})[name] = len(root["accessors"]) - 1
+        root["buffers"][0]["byteLength"] += 72
+        root["extensionsUsed"].append("EXT_mesh_gpu_instancing")
+
+    return changed(path, change, data + SHIFTS.tobytes() + scales.tobytes())
+
+
+@pytest.mark.parametrize("sizes", [(1, 1, 1), (1, -1, 2)], ids=["plain", "mirrored"])
+@pytest.mark.parametrize("motion", [EncodeSettings(), SETTINGS], ids=["stored", "encoded"])
+def test_instances_of_a_mesh_with_a_motion_are_read_and_written(
+    sizes: tuple[int, ...], motion: EncodeSettings, tmp_path: Path
+) -> None:
+    scales = np.array([[size, abs(size), abs(size)] for size in sizes], np.float32)
+    with open_sequence(PATH) as plain:
+        flag = plain.read_frames(0, 36)[:, : plain.objects[0].vertex_count]
+    with open_sequence(instanced(tmp_path / "a.glb", scales)) as shown:
+        points = shown.read_frames(0, 36)
+        assert [one.name for one in shown.objects] == ["flag/0", "flag/1", "flag/2", "ball"]
+        expected = flag[:, None] * scales[:, None] + SHIFTS[:, None]
+        assert np.abs(points[:, : expected.shape[1] * expected.shape[2]] - expected.reshape(36, -1, 3)).max() <= 1e-6
+        encode(shown, tmp_path / "a.pdeanim", SETTINGS)
+        bound = 1e-3 * frame_scale(points[0])
+        write_sequence(shown, tmp_path / "b.glb", motion=SETTINGS)
+        with open_sequence(tmp_path / "b.glb") as found:
+            assert largest_distance(found, shown) <= bound * (1 + 1e-6)
+    with open_animation(tmp_path / "a.pdeanim") as coded:
+        write_sequence(coded, tmp_path / "c.glb", motion=motion)
+    root, _ = split(tmp_path / "c.glb")
+    # The instances move apart from each other now. Those that mirror cannot be moved by a motion.
+    assert root["extensionsUsed"] == [NAME]
+    moved = [NAME in one["primitives"][0].get("extensions", {}) for one in root["meshes"]]
+    assert moved == [True, True, sizes[1] > 0, True]
+    with open_sequence(tmp_path / "c.glb") as found:
+        assert np.abs(found.read_frames(0, 36) - points).max() <= 2.001 * bound
