@@ -194,7 +194,7 @@ docs: $(INSTALLED)
 
 # The documentation as a site; a warning of Sphinx, a broken link or a file of another host is an error.
 site: $(INSTALLED)
-	$(NEEDS) abc docs | $(PIP) --requirement /dev/stdin
+	$(NEEDS) docs | $(PIP) --requirement /dev/stdin
 	$(BIN)/python docs/make_site.py build/site
 
 # The decoder as WebAssembly, for the player; the test of its sources says when.

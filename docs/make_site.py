@@ -115,6 +115,7 @@ def reference_pages() -> dict[str, str]:
     for name, value in sorted(public.items(), key=lambda item: isinstance(item[1], type)):  # functions first
         [title] = [title for title, modules in REFERENCE.items() if re.match(modules, value.__module__)]
         lines = [f".. autoclass:: pdecodec.{name}", "   :members:"]
+        lines += ["   :show-inheritance:"] if "pdecodec" in str(getattr(value, "__bases__", "")) else []
         pages[title] += lines if isinstance(value, type) else [f".. autofunction:: pdecodec.{name}"]
     names = {title: f"reference/{title.split(',')[0].lower().replace(' ', '-')}" for title in pages}
     return {names[title]: "\n".join([*lines, "```", ""]) for title, lines in pages.items()}

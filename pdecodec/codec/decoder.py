@@ -142,6 +142,7 @@ class Animation(MeshSequence):
 
     @cached_property
     def fields(self) -> tuple[Field, ...]:  # type: ignore[override]  # read when it is first needed
+        """Values that change in time; :meth:`field` evaluates them, :meth:`read_field` reads them."""
         return tuple(map(field_of, self.stored_fields))
 
     def _field_number(self, name: str) -> tuple[Field, int]:

@@ -144,6 +144,7 @@ class ChangingSequence(MeshSequence):
 
     @property
     def fields(self) -> tuple[Field, ...]:  # type: ignore[override]  # each run has its own
+        """The fields, if there is one run; otherwise each run has its own."""
         return self._only_run().fields
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:

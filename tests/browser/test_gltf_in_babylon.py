@@ -281,7 +281,7 @@ def test_tangents_turn_with_their_normals(page: Browser) -> None:
 
 def test_the_graphics_processor_keeps_nothing_and_survives_a_lost_context(page: Browser) -> None:
     if page.run("return !gl"):
-        pytest.skip("WebGL alone tells what is left, and comes back")
+        pytest.skip("WebGL alone tells what remains, and comes back")
     left, again, is_on_gpu = page.run(
         "const left = await countLeft(gl, async () => { const container = await load();"
         " for (const one of movedOf(container.meshes)) one.motionState.set(0.5, 1);"
