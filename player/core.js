@@ -11,9 +11,6 @@ const OPTIONS = { bytes: 24, size: 0, maxMemory: 8, threads: 16 };
 /** Default of `maxMemory` [bytes]: half of what WebAssembly can address. */
 const DEFAULT_MAX_MEMORY = 2 ** 31;
 
-/** First bytes of a WebAssembly module: servers answer some wrong addresses with a page. */
-const WASM_MAGIC = 0x0061736d;
-
 const decoder = new TextDecoder();
 
 /** @type {Promise<WebAssembly.Module> | null} */
@@ -29,16 +26,15 @@ export function compile(from) {
 }
 
 async function compileModule(from) {
-  if (from && typeof from !== "string" && !(from instanceof URL)) return WebAssembly.compile(from);
   const address = from ?? new URL("./pdeanim.wasm", import.meta.url);
-  const bytes = await fetchModule(address);
-  if (new DataView(bytes).getUint32(0) !== WASM_MAGIC) {
-    throw new PdeanimError(
-      `${address} is not the decoder: copy pdeanim.wasm there, or pass its address or bytes to compile()`,
-      "read-failed",
-    );
-  }
-  return WebAssembly.compile(bytes);
+  const isAddress = typeof address === "string" || address instanceof URL;
+  const bytes = isAddress ? await fetchModule(address) : address;
+  return WebAssembly.compile(bytes).catch((cause) => {
+    const what = isAddress ? address : "what compile() was given";
+    const advice = "copy pdeanim.wasm there, or pass its address or bytes to compile()";
+    const message = `${what} is not the decoder, or this program cannot run it (${cause.message}): ${advice}`;
+    throw Object.assign(new PdeanimError(message, "read-failed"), { cause });
+  });
 }
 
 async function fetchModule(address) {

@@ -146,6 +146,7 @@ def test_misuse_and_refused_hosts_end_in_errors_with_codes(
           }
         };
         await attempt(() => compile(given[2]));
+        await attempt(() => compile(new Uint8Array(2)));
         const clip = await PdeAnimation.open(await readFile(given[0]));
         await attempt(() => clip.positions(0, { out: new Float32Array(3) }));
         await attempt(() => clip.positions(0, { out: new Float64Array(18) }));
@@ -156,9 +157,10 @@ def test_misuse_and_refused_hosts_end_in_errors_with_codes(
         "http://127.0.0.1:9/none.pdeanim",
         "file://" + urllib.parse.quote(str(tmp_path / "page.html")),
     )
-    page, short, doubles, host, loader = found
-    assert page[:2] == [True, "read-failed"]
-    assert "pdeanim.wasm" in page[2]
+    page, few, short, doubles, host, loader = found
+    for wrong in (page, few):
+        assert wrong[:2] == [True, "read-failed"]
+        assert "pdeanim.wasm" in wrong[2]
     assert short == [True, "argument", "out has 3 numbers; it needs 18 (Float32Array)"]
     assert doubles is None
     for refused in (host, loader):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import mimetypes
 import re
 import threading
@@ -17,6 +18,7 @@ class Server(ThreadingHTTPServer):
 
     folder: Path
     gives_ranges = True
+    compresses = False
     bytes_given = 0
     requests = 0
 
@@ -40,6 +42,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(404)
             return
         data = path.read_bytes()
+        if self.server.compresses:
+            data = gzip.compress(data, 6)
         asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
         begin, end = 0, len(data)
         if asked and self.server.gives_ranges:
@@ -55,6 +59,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Accept-Ranges", "bytes")
         self.send_header("Content-Type", mimetypes.guess_type(path.name)[0] or "application/octet-stream")
         self.send_header("Content-Length", str(end - begin))
+        if self.server.compresses:
+            self.send_header("Content-Encoding", "gzip")
         self.end_headers()
         self.server.requests += 1
         if has_body:
