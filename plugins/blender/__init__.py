@@ -127,8 +127,7 @@ def shown_clip(
                         f"{thing.name!r} has other vertices or faces at frame {frame} than at frame {frames[0]}; "
                         "export frames over which they stay the same"
                     )
-                here.append(np.zeros((len(mesh.vertices), 3), np.float32))
-                mesh.vertices.foreach_get("co", here[-1].reshape(-1))
+                here.append(meshes.read(mesh.vertices, "co", 3, np.float32))
                 places[number].append([frame / rate, *np.array(there.matrix_world).T.ravel()])
                 there.to_mesh_clear()
             rows.append(np.concatenate(here))

@@ -39,6 +39,13 @@ MAIN_NAMES = {"uv": "UVMap", "color": "Color"}
 """Names that Blender gives to the main UVs and colours."""
 
 
+def read(data: Any, name: str, width: int = 1, kind: type = np.int32) -> np.ndarray:
+    """Return a property of all elements of a collection, (elements,) or (elements, width)."""
+    values = np.zeros((len(data), width) if width > 1 else len(data), kind)
+    data.foreach_get(name, values.reshape(-1))
+    return values
+
+
 def fill(mesh: bpy.types.Mesh, item: pdecodec.MeshObject | None) -> None:
     """Give a mesh the faces, lines and attributes of an object, and vertices at the origin."""
     mesh.clear_geometry()
@@ -107,10 +114,8 @@ def _pairs_of_lines(whole: pdecodec.Connectivity) -> np.ndarray:
 
 
 def _add_colors(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribute, rows: np.ndarray) -> None:
-    counts = np.zeros(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", counts)
     if attribute.domain == "face":
-        rows = np.repeat(rows, counts, axis=0)
+        rows = np.repeat(rows, read(mesh.polygons, "loop_total"), axis=0)
     elif attribute.domain == "object":
         rows = np.repeat(rows[:1], len(mesh.vertices), axis=0)
     colors = np.ones((len(rows), 4), np.float32)
@@ -127,8 +132,6 @@ def _add_materials(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribut
     """
     if not (attribute.labels or name):
         return
-    numbers = np.zeros(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("material_index", numbers)
     labels, values = (attribute.labels, rows) if attribute.labels else ((name,), np.sign(rows.astype(int)) - 1)
     if (values < 0).any() and not len(mesh.materials):
         mesh.materials.append(None)
@@ -137,7 +140,7 @@ def _add_materials(mesh: bpy.types.Mesh, name: str, attribute: pdecodec.Attribut
             mesh.materials.append(bpy.data.materials.get(label) or bpy.data.materials.new(label))
     slots = np.array([mesh.materials.find(label) for label in labels])
     is_known = (values >= 0) & (values < len(slots))
-    numbers = np.where(is_known, slots[np.where(is_known, values, 0)], numbers)
+    numbers = np.where(is_known, slots[np.where(is_known, values, 0)], read(mesh.polygons, "material_index"))
     mesh.polygons.foreach_set("material_index", np.broadcast_to(numbers, len(mesh.polygons)).astype(np.int32))
 
 
@@ -149,12 +152,8 @@ def _smoothing(groups: np.ndarray, whole: pdecodec.Connectivity) -> np.ndarray:
 
 def _corners(mesh: bpy.types.Mesh) -> tuple[np.ndarray, ...]:
     """Return the vertex and edge of each corner, and the corner after it in its face."""
-    vertices, edges = (np.zeros(len(mesh.loops), np.int32) for _ in range(2))
-    starts, counts = (np.zeros(len(mesh.polygons), np.int32) for _ in range(2))
-    mesh.loops.foreach_get("vertex_index", vertices)
-    mesh.loops.foreach_get("edge_index", edges)
-    mesh.polygons.foreach_get("loop_start", starts)
-    mesh.polygons.foreach_get("loop_total", counts)
+    vertices, edges = read(mesh.loops, "vertex_index"), read(mesh.loops, "edge_index")
+    starts, counts = read(mesh.polygons, "loop_start"), read(mesh.polygons, "loop_total")
     following = np.arange(1, len(vertices) + 1)
     following[starts + counts - 1] = starts
     return vertices, edges, following
@@ -187,13 +186,8 @@ def _normal_groups(mesh: bpy.types.Mesh) -> np.ndarray:
     """Undo :func:`_sharp_edges`: return the number of each corner's normal at its vertex, (corners,) int32."""
     vertices, _, _ = _corners(mesh)
     edges, pairs = _neighbours(mesh)
-    is_hard = np.zeros(len(mesh.edges), bool)
-    mesh.edges.foreach_get("use_edge_sharp", is_hard)
-    is_flat = np.zeros(len(mesh.polygons), bool)
-    mesh.polygons.foreach_get("use_smooth", is_flat)
-    counts = np.zeros(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", counts)
-    is_smooth = np.repeat(is_flat, counts)
+    is_hard = read(mesh.edges, "use_edge_sharp", kind=bool)
+    is_smooth = np.repeat(read(mesh.polygons, "use_smooth", kind=bool), read(mesh.polygons, "loop_total"))
     joined = pairs[~is_hard[edges]].reshape(-1, 2)
     joined = joined[is_smooth[joined].all(axis=1)]
     # Each corner takes the smallest number of those that it is joined to, until none changes.
@@ -214,30 +208,25 @@ def _normal_groups(mesh: bpy.types.Mesh) -> np.ndarray:
 
 def object_of(name: str, mesh: bpy.types.Mesh, slots: Sequence[Any]) -> pdecodec.MeshObject:
     """Return an evaluated mesh as an object: faces, loose edges, UVs, colours, materials of the slots, hard edges."""
-    counts = np.zeros(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", counts)
+    counts = read(mesh.polygons, "loop_total")
     vertices, edges, _ = _corners(mesh)
-    ends = np.zeros((len(mesh.edges), 2), np.int32)
-    mesh.edges.foreach_get("vertices", ends.reshape(-1))
-    loose = np.delete(ends, edges, axis=0)
+    loose = np.delete(read(mesh.edges, "vertices", 2), edges, axis=0)
     whole = pdecodec.Connectivity(
         len(mesh.vertices), counts, vertices, np.full(len(loose), 2, np.int32), loose.reshape(-1)
     )
     found = []
     for number, layer in enumerate(mesh.uv_layers):
-        values = np.zeros((len(mesh.loops), 2), np.float32)
-        layer.uv.foreach_get("vector", values.reshape(-1))
-        rows, which = np.unique(values, axis=0, return_inverse=True)
+        rows, which = np.unique(read(layer.uv, "vector", 2, np.float32), axis=0, return_inverse=True)
         role = "uv" if not number else f"uv:{layer.name}"
         found.append(pdecodec.Attribute(role, "corner", rows, which.reshape(-1).astype(np.int32)))
     for number, layer in enumerate(mesh.color_attributes):
-        values = np.zeros((len(layer.data), 4), np.float32)
-        layer.data.foreach_get("color", values.reshape(-1))
-        role = "color" if not number else f"color:{layer.name}"
-        found.append(pdecodec.Attribute(role, "vertex" if layer.domain == "POINT" else "corner", values))
+        role, domain = (
+            "color" if not number else f"color:{layer.name}",
+            "vertex" if layer.domain == "POINT" else "corner",
+        )
+        found.append(pdecodec.Attribute(role, domain, read(layer.data, "color", 4, np.float32)))
     if len(counts) and any(slots):
-        numbers = np.zeros(len(counts), np.int32)
-        mesh.polygons.foreach_get("material_index", numbers)
+        numbers = read(mesh.polygons, "material_index")
         labels = [slot.name for slot in slots if slot]
         places = np.array([labels.index(slot.name) if slot else -1 for slot in slots], np.int32)
         found.append(
@@ -250,14 +239,10 @@ def object_of(name: str, mesh: bpy.types.Mesh, slots: Sequence[Any]) -> pdecodec
 
 def has_faces(mesh: bpy.types.Mesh, whole: pdecodec.Connectivity) -> bool:
     """Return whether an evaluated mesh has as many vertices and the same faces."""
-    vertices = np.zeros(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("vertex_index", vertices)
-    counts = np.zeros(len(mesh.polygons), np.int32)
-    mesh.polygons.foreach_get("loop_total", counts)
     return (
         len(mesh.vertices) == whole.vertex_count
-        and np.array_equal(counts, whole.face_counts)
-        and np.array_equal(vertices, whole.face_indices)
+        and np.array_equal(read(mesh.polygons, "loop_total"), whole.face_counts)
+        and np.array_equal(read(mesh.loops, "vertex_index"), whole.face_indices)
     )
 
 

@@ -34,6 +34,7 @@ bpy = pytest.importorskip("bpy", reason="Blender is not installed here; pip inst
 
 from plugins import blender  # noqa: E402 - imports bpy
 from plugins.blender import player  # noqa: E402
+from plugins.blender.meshes import read  # noqa: E402
 
 RATE = 24
 
@@ -64,21 +65,12 @@ def shown(thing: Any, frame: float) -> Float32Array:
     """Return the points of an object as the evaluated scene has them at a frame."""
     bpy.context.scene.frame_set(int(frame // 1), subframe=frame % 1)
     mesh = thing.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
-    points = np.zeros((len(mesh.vertices), 3), np.float32)
-    mesh.vertices.foreach_get("co", points.reshape(-1))
-    return points
+    return read(mesh.vertices, "co", 3, np.float32)
 
 
 def imported(path: Path, **options: bool) -> dict[str, Any]:
     assert bpy.ops.import_scene.pdeanim(filepath=str(path), **options) == {"FINISHED"}
     return {thing.pdeanim.object_name: thing for thing in bpy.context.scene.objects if thing.pdeanim.filepath}
-
-
-def read(data: Any, name: str, width: int, kind: type = np.float32) -> np.ndarray:
-    """Return a property of all elements of a collection."""
-    values = np.zeros((len(data), width), kind)
-    data.foreach_get(name, values.reshape(-1))
-    return values if width > 1 else values[:, 0]
 
 
 def test_objects_are_within_the_bound_at_frames_and_where_the_file_says_between_them(
@@ -107,14 +99,14 @@ def test_meshes_have_names_materials_uvs_colours_and_lines(stage: Any, tmp_path:
     assert [child.name for child in root.children] == ["arm"]
     assert [thing.name for thing in root.children["arm"].objects] == ["hand", "nail"]
     hand = found["root/arm/hand"].data
-    assert read(hand.loops, "vertex_index", 1, np.int32).tolist() == clip.objects[0].connectivity.face_indices.tolist()
+    assert read(hand.loops, "vertex_index").tolist() == clip.objects[0].connectivity.face_indices.tolist()
     uv, _, material, color = clip.objects[0].attributes
-    assert np.array_equal(read(hand.uv_layers["UVMap"].uv, "vector", 2), meaning_of(uv))
-    assert np.allclose(read(hand.color_attributes["Color"].data, "color", 4)[:, :3], meaning_of(color))
-    names = [hand.materials[number].name for number in read(hand.polygons, "material_index", 1, np.int32)]
+    assert np.array_equal(read(hand.uv_layers["UVMap"].uv, "vector", 2, np.float32), meaning_of(uv))
+    assert np.allclose(read(hand.color_attributes["Color"].data, "color", 4, np.float32)[:, :3], meaning_of(color))
+    names = [hand.materials[number].name for number in read(hand.polygons, "material_index")]
     assert names == meaning_of(material).tolist()
     hair = found["root/hair"].data
-    assert read(hair.edges, "vertices", 2, np.int32).tolist() == [[0, 1], [1, 2], [3, 4]]
+    assert read(hair.edges, "vertices", 2).tolist() == [[0, 1], [1, 2], [3, 4]]
 
 
 TENT = connectivity(6, [[0, 1, 4, 3], [1, 2, 5, 4]])
@@ -137,8 +129,8 @@ def test_hard_edges_stay_hard(
 ) -> None:
     item = MeshObject("tent", TENT, () if attribute is None else (attribute,))
     mesh = imported(encoded(scene([item]), tmp_path / "a.pdeanim"))["tent"].data
-    assert read(mesh.polygons, "use_smooth", 1, bool).all() == is_smooth
-    edges = read(mesh.edges, "vertices", 2, np.int32)[read(mesh.edges, "use_edge_sharp", 1, bool)]
+    assert read(mesh.polygons, "use_smooth", kind=bool).all() == is_smooth
+    edges = read(mesh.edges, "vertices", 2)[read(mesh.edges, "use_edge_sharp", kind=bool)]
     assert np.sort(edges).tolist() == hard
 
 
@@ -166,7 +158,7 @@ def test_attributes_that_only_share_a_name_are_left_out(stage: Any, tmp_path: Pa
     with pdecodec.open(path) as animation:
         assert np.array_equal(shown(thing, 2), animation.positions(2 / RATE))
     assert not any(map(len, (thing.data.materials, thing.data.uv_layers, thing.data.color_attributes)))
-    assert not read(thing.data.polygons, "use_smooth", 1, bool).any()
+    assert not read(thing.data.polygons, "use_smooth", kind=bool).any()
 
 
 @pytest.mark.parametrize(
@@ -198,7 +190,7 @@ def test_changed_and_animated_settings_are_shown(stage: Any, tmp_path: Path) -> 
     with pdecodec.open(path) as animation:
         shown(thing, 2)
         thing.pdeanim.frame_offset = -3
-        assert np.array_equal(read(thing.data.vertices, "co", 3), animation.positions(5 / RATE))
+        assert np.array_equal(read(thing.data.vertices, "co", 3, np.float32), animation.positions(5 / RATE))
         for frame, offset in ((0, 0), (4, 2)):
             thing.pdeanim.frame_offset = offset
             thing.keyframe_insert("pdeanim.frame_offset", frame=frame)
@@ -214,7 +206,7 @@ def test_velocities_are_exact_and_scale_with_speed(stage: Any, tmp_path: Path) -
         for speed, frame, time in ((1, 2.5, 2.5), (0.5, 6, 3), (1, 20, 20)):
             thing.pdeanim.speed = speed
             shown(thing, frame)
-            found = read(thing.data.attributes["velocity"].data, "vector", 3)
+            found = read(thing.data.attributes["velocity"].data, "vector", 3, np.float32)
             assert np.allclose(found, speed * animation.velocities(time / RATE), atol=1e-6), "0 after the clip"
 
 
@@ -229,7 +221,7 @@ def test_fields_are_attributes_that_change(stage: Any, tmp_path: Path) -> None:
     with pdecodec.open(path) as animation:
         for frame in (0, 1.5, 3):
             stage.frame_set(int(frame // 1), subframe=frame % 1)
-            found = read(mesh.attributes["stress"].data, "value", 1)
+            found = read(mesh.attributes["stress"].data, "value", kind=np.float32)
             assert np.allclose(found, animation.field("stress", frame / RATE), atol=1e-6)
     stage.collection.children.unlink(stage.collection.children[0])
     assert "stress" not in imported(path, use_fields=False)["plate"].data.attributes
@@ -251,7 +243,9 @@ def test_objects_in_a_space_of_their_own_are_where_their_transform_puts_them(sta
 
         assert np.allclose(shown(thing, 2.25), placed(2.25), atol=1e-5)
         speed = (placed(2.26) - placed(2.24)) / 0.02 * RATE
-        assert np.allclose(read(thing.data.attributes["velocity"].data, "vector", 3), speed, rtol=1e-2, atol=1e-2)
+        assert np.allclose(
+            read(thing.data.attributes["velocity"].data, "vector", 3, np.float32), speed, rtol=1e-2, atol=1e-2
+        )
 
 
 def test_mirrored_objects_face_outward_without_a_material_they_lack_and_fields_are_renamed_if_need_be(
@@ -263,19 +257,19 @@ def test_mirrored_objects_face_outward_without_a_material_they_lack_and_fields_a
     stage.render.use_motion_blur = True
     points = [shown(one, BETWEEN * RATE) for one in things]
     time = stage.frame_current_final / RATE
-    faces = [read(one.data.loops, "vertex_index", 1, np.int32) for one in things]
-    pushes = [read(one.data.attributes["vector:push"].data, "vector", 3) for one in things]
+    faces = [read(one.data.loops, "vertex_index") for one in things]
+    pushes = [read(one.data.attributes["vector:push"].data, "vector", 3, np.float32) for one in things]
     assert_in_the_space_of_the_scene(points, faces, pushes, path, time)
     assert [[one and one.name for one in thing.data.materials] for thing in things] == [["skin"], [None, "skin"]]
-    assert [read(one.data.polygons, "material_index", 1, np.int32).tolist() for one in things] == [[0], [0]]
-    corners = [read(one.data.attributes["corners"].data, "value", 1) for one in things]
+    assert [read(one.data.polygons, "material_index").tolist() for one in things] == [[0], [0]]
+    corners = [read(one.data.attributes["corners"].data, "value", kind=np.float32) for one in things]
     assert np.allclose(np.concatenate(corners), [0, 1, 2, 5, 4, 3], atol=1e-2)
     with pdecodec.open(path) as animation:
         speed = animation.velocities(time)[3:] * [-2, 2, 2] + [1, 0, 0]
-        assert np.allclose(read(things[1].data.attributes["velocity"].data, "vector", 3), speed, rtol=1e-5)
+        assert np.allclose(read(things[1].data.attributes["velocity"].data, "vector", 3, np.float32), speed, rtol=1e-5)
         for name in TAKEN:
             shown_name = f"{name}_field" if name in ("velocity", "position", "material_index") else name[:60]
-            found = [read(one.data.attributes[shown_name].data, "value", 1) for one in things]
+            found = [read(one.data.attributes[shown_name].data, "value", kind=np.float32) for one in things]
             assert np.array_equal(np.concatenate(found), animation.field(name, time)), name
 
 
@@ -288,7 +282,7 @@ def test_fields_come_and_go_with_faces_and_those_that_no_mesh_can_show_are_named
         for frame in (4, 26, 2):
             stage.frame_set(frame)
             assert ("stress" in dust.data.attributes) == (frame < 5)
-        found = read(dust.data.attributes["stress"].data, "value", 1)
+        found = read(dust.data.attributes["stress"].data, "value", kind=np.float32)
         assert np.array_equal(found, animation.runs[0].field("stress", 2 / RATE, object=1))
 
 
@@ -382,7 +376,7 @@ def test_a_saved_file_finds_its_animation_again_by_a_relative_path(stage: Any, t
     (thing,) = (one for one in bpy.context.scene.objects if one.pdeanim.filepath)
     assert not player.message_of(thing)
     with pdecodec.open(tmp_path / "moved/a.pdeanim") as animation:
-        assert np.allclose(read(thing.data.vertices, "co", 3), animation.positions(5 / RATE), atol=1e-6)
+        assert np.allclose(read(thing.data.vertices, "co", 3, np.float32), animation.positions(5 / RATE), atol=1e-6)
         assert np.allclose(shown(thing, 3.5), animation.positions(2.5 / RATE), atol=1e-6)
     (tmp_path / "shot").mkdir()
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot/copy.blend"), copy=True)
