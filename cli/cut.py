@@ -205,3 +205,5 @@ def _tell(report: CutReport, output: str, *, as_json: bool) -> None:
     )
     if report.lost_fields:
         say(f"note: fields not kept, which only some of the files have: {', '.join(report.lost_fields)}")
+    if report.lost_sections:
+        say(f"note: sections not kept, which this version does not know: {', '.join(report.lost_sections)}")

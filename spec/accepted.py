@@ -35,7 +35,7 @@ from pdecodec.codec.sections.scene import Carrier, encode_scene
 from pdecodec.codec.sections.space_basis import SpaceKind
 from pdecodec.mesh.arrays import Float64Array
 from pdecodec.mesh.sequence import MeshSequence
-from spec.sealing import Part, compressed, content, run_of, seal, take_apart, with_first_group
+from spec.sealing import Part, compressed, content, run_of, seal, take_apart, with_first_group, with_section
 
 Points = Float64Array
 
@@ -448,6 +448,23 @@ def residuals_by_hand() -> Iterator[tuple[str, Residuals]]:
     yield "residuals_from_end_to_end", of_field(huge)
 
 
+def of_another_minor_version(parts: list[Part]) -> Iterator[tuple[str, bytes]]:
+    """Yield files of a minor version 1 that does not exist, with everything that it may add (21)."""
+    remarks = {"generator": "another", "provenance": {"take": 3, "scans": [None, 1.5]}, "metadata": {"lens": "50 mm"}}
+    files = {"cuts": b'{"root":"files/a.step","tessellation":[1]}', "files/a.step": b"ISO-10303-21;", "history/1": b""}
+    scene = Carrier.of("step", [("tolerance", 3), ("", 0)], ["../a b.stp"], files)
+    added = [
+        Part("META", compressed(json.dumps(remarks).encode()), 0b0010),
+        Part("SCEN", encode_scene(scene), 0b0100),
+        Part("PREV", b"a section of version 1.1", 0b1110),
+        Part("a_pp", bytes(range(256)), 0b1000),
+    ]
+    flagged = [replace(part, flags=part.flags | 0b1110) for part in parts]
+    yield "minor_version_1", seal([*added[:2], *flagged, *added[2:]], minor=1)
+    of_runs = [part for part in take_apart(encoded(runs_of_one_frame(), Choices())) if part.kind != "META"]
+    yield "runs_of_minor_version_1", seal([*added, *of_runs], minor=1)
+
+
 def accepted() -> Iterator[tuple[str, bytes]]:
     """Yield the name and bytes of every file that decoders must read."""
     lifted = np.repeat(wave(1, 2, 2) * [1, 1, 0], 3, axis=0)
@@ -483,11 +500,23 @@ def accepted() -> Iterator[tuple[str, bytes]]:
     absent = [Part(kind, b"", 0) for kind in ("META", "ORDR", "SOLD", "ATTR", "FLDS", "SCEN")]
     kept = [part for part in parts if part.kind not in ("META", "ORDR", "ATTR")]
     yield "optional_sections_without_bytes", seal([*kept, *absent])
-    yield "without_remarks", seal([part for part in parts if part.kind != "META"])
+    bare = [part for part in parts if part.kind != "META"]
+    yield "without_remarks", seal(bare)
+    largest = int(1.7976931348623157e308) + 2**969  # just below the middle between it and 2^1024
+    yield "remarks_at_the_largest_number", seal([*bare, Part("META", compressed(b'{"a":-%d}' % largest), 0)])
+    longer = b"\x81" + 7 * b"\x80" + b"\0" + content(parts, "SEQN")[1:]
+    yield "count_of_nine_bytes", seal(with_section(bare, "SEQN", longer))
+    yield from of_another_minor_version(bare)
     # A file of runs may hold a single run.
     sequence_head, names = content(parts, "SEQN")[:-1], content(parts, "SEQN")[-1:]
     runs = run_of(parts, names, 24)
     odd = [Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row())]
+    unread = [Part("FLDS", b"?", 0), Part("FDAT", b"?", 0)]
+    yield (
+        "fields_of_no_run",
+        seal([Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row()), *unread]),
+    )
+    yield "chunks_of_no_fields", seal([*bare, unread[1]])
     yield "runs_with_sections_without_bytes", seal([*odd, *(Part(kind, b"", 0) for kind in ("META", "SOLD", "SCEN"))])
     yield "file_of_one_run", seal([Part("RDAT", runs.data), Part("SEQN", sequence_head), Part("RUNS", runs.row())])
     # Without bytes, the functions of time are all zero: nothing moves, whatever the coefficients are.

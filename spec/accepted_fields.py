@@ -249,3 +249,8 @@ def accepted_with_fields() -> Iterator[tuple[str, bytes]]:
     rows, chunks = by_hand()
     yield "fields_by_hand", with_sections(at_rest(9), FLDS=rows, FDAT=chunks)
     yield "fields_none", with_sections(at_rest(1), FLDS=b"\0", FDAT=b"")
+    # Products that the type cannot hold become infinite (25.3).
+    chunk = chunk_of([[[2**36]], [[-(2**36)]], [[-3]]])
+    single = Header(group(chunk, unit=2.0**92), b"single", objects=(1,))
+    double = Header(group(chunk, unit=2.0**1000), b"double", type=1, objects=(1,))
+    yield "fields_beyond_their_types", with_sections(at_rest(), FLDS=headers(single, double), FDAT=2 * chunk)

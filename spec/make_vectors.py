@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from spec.accepted import accepted
+from spec.accepted_drawn import accepted_drawn
 from spec.accepted_fields import accepted_with_fields
 from spec.decoder.animation import Animation, decode_runs, run_at
 from spec.decoder.cells import SHAPES
@@ -131,7 +132,9 @@ def main(arguments: list[str]) -> None:
         return made if "--replace" in arguments else known[name]
 
     known = accepted_vectors() if MANIFEST.exists() else {}
-    files = {name: choose(name, made, known) for name, made in (*accepted(), *accepted_with_fields())}
+    files = {
+        name: choose(name, made, known) for name, made in (*accepted(), *accepted_with_fields(), *accepted_drawn())
+    }
     manifest["accept"] = {name: describe(data) for name, data in files.items()}
     known = refused_vectors() if MANIFEST.exists() else {}
     of_fields = (Refused(*item, section="FLDS") for item in refused_with_fields())

@@ -175,6 +175,11 @@ def _of_runs() -> Iterator[tuple[str, bytes, str]]:
     for name, new, reason in (
         ("fields_of_runs_without_headers", {"FLDS": None}, "RFLD without FLDS (25.4)"),
         ("fields_of_runs_without_values", {"FDAT": None}, "RFLD without FDAT (25.4)"),
+        (
+            "fields_of_runs_of_no_bytes",
+            {"FLDS": b"", "FDAT": b"", "RFLD": bytes(4)},
+            "FLDS of no bytes, as if it were missing (25.4)",
+        ),
         ("fields_of_runs_checksum", {"RFLD": wrong}, "CRC of FLDS of a run (25.4)"),
         ("fields_of_runs_cut", {"RFLD": table[:-1]}, "ends in a row (25.4)"),
         ("fields_of_runs_followed", {"RFLD": table + b"\0"}, "a byte too many (3.1)"),

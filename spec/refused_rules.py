@@ -54,6 +54,16 @@ def _container(parts: list[Part]) -> Iterator[Refused]:
     flagged = [Part(part.kind, part.content, 0x0E) for part in parts]
     unknown = Part("XYZW", b"?", 0x0F)
     yield Refused("unknown_required_of_a_minor_version", seal([*flagged, unknown], minor=9), "XYZW is required (2.2)")
+    for name, kind, damage, reason in (
+        ("flag_of_times", "SEQN", lambda data: data[:2] + bytes([data[2] | 64]) + data[3:], "bit 6 of the flags (4)"),
+        ("predictor", "REST", lambda data: data[:32] + b"\x10" + data[33:], "predictor 16 (7.1)"),
+        ("space_basis", "MODL", lambda data: b"\4" + data[1:], "bit 2 of the flags (10)"),
+        ("field_after_the_groups", "GRUP", lambda data: data + b"\0", "a further field (3.1)"),
+    ):
+        new = [replace(part, content=damage(part.content)) if part.kind == kind else part for part in parts]
+        yield Refused(
+            f"minor_version_with_a_{name}", seal(new, minor=1), f"{reason}, which version 1.1 cannot add (21)"
+        )
     twice = 2 * [Part("XYZW", b"", 0)]
     of_runs = [*parts, Part("RFLD", b"", 0)]
     yield Refused("runs_of_fields_in_one_run", seal(of_runs), "RFLD in a file of one run (2.3)", section="FLDS")
@@ -321,8 +331,14 @@ def _remarks(parts: list[Part]) -> Iterator[Refused]:
         ("frame_unpacks_to_less", FRAME_MAGIC + b"\x20\x03\x11\0\0{}", "3 bytes declared, 2 there (3.2)"),
         ("remarks_of_16_megabytes", zeros(2**24 + 1, 129), "2^24 + 1 bytes (18)"),
         ("remarks_of_33_levels", compressed(json.dumps(deep).encode()), "33 levels (18)"),
+        ("remarks_number_in_level_33", compressed(b'{"a":' * 32 + b"0" + b"}" * 32), "a number in level 33 (18)"),
         ("remarks_number_beyond", compressed(b'{"a":1e999}'), "1e999 (18)"),
         ("remarks_integer_beyond", compressed(b'{"a":-1' + 309 * b"0" + b"}"), "-10^309 in digits (18)"),
+        (
+            "remarks_integer_rounds_to_infinity",
+            compressed(b'{"a":%d}' % (int(1.7976931348623157e308) + 2**970)),
+            "2^1024 - 2^970, which rounds to infinity (18)",
+        ),
         ("remarks_not_a_number", compressed(b'{"a":NaN}'), "NaN, which JSON lacks (18)"),
         ("remarks_half_a_character", compressed(b'{"a":"\\ud800"}'), "a lone surrogate (18)"),
         ("remarks_name_of_half_a_character", compressed(b'{"\\udfff":0}'), "a lone surrogate in a name (18)"),

@@ -91,6 +91,7 @@ void File::read_fields_of_runs() {
     const std::vector<u8> bytes = container_.read(table_of_fields);
     FieldReader fields(bytes, "RFLD");
     std::array<SectionPlace, 2> left = {container_.entry(of_fields[0]), container_.entry(of_fields[1])};
+    if (left[0].length == 0) throw CorruptError(Section(of_fields[0]), "is missing; get the file again");
     for (Run &run : runs_) {
         for (std::size_t k = 0; k < left.size(); ++k) {
             SectionPlace &place = run.fields[k];

@@ -52,6 +52,7 @@ class CodedFile:
             whole = whole or stack.enter_context(open_animation(path))
             self._file: BinaryIO = stack.enter_context(open_regular(path))
             self._sections = dict(stored_sections(self._file))
+            self.unknown_sections = tuple(kind for kind in self._sections if kind not in SECTION_KINDS)
             if "RUNS" in self._sections:
                 if run is None:
                     raise InputError(

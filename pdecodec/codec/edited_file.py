@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -41,6 +41,8 @@ class CutReport:
     first_time, last_time : float [s]
     lost_fields : tuple of str
         Names of fields that only some of the joined files have.
+    lost_sections : tuple of str
+        Types of sections that this version does not know. They are not copied, because they may describe the whole.
     """
 
     frames: int
@@ -50,6 +52,7 @@ class CutReport:
     first_time: float
     last_time: float
     lost_fields: tuple[str, ...] = ()
+    lost_sections: tuple[str, ...] = ()
 
 
 FieldPart = tuple[CodedFile | MeshSequence, int, int]
@@ -77,7 +80,8 @@ def write_file(
             *_scene_of(head),
         ]
         size = sum(write_container(path, sections, overwrite=overwrite).values())
-    return CutReport(times.size, groups, size, coded_again, float(times[0]), float(times[-1]), lost)
+    unknown = _unknown_sections(part for part, _, _ in fields if isinstance(part, CodedFile))
+    return CutReport(times.size, groups, size, coded_again, float(times[0]), float(times[-1]), lost, unknown)
 
 
 def write_runs(
@@ -95,6 +99,7 @@ def write_runs(
                 table.add(part.file.animation, sections)
             if not described:
                 remarks, scene = _remarks_of(part.file, summary), _scene_of(part.file)
+                unknown = _unknown_sections([part.file])
             described.append(part.described)
             groups, again = groups + count, again + part.again
         sequence = ChangingSequence(described, fps=whole.fps)
@@ -109,7 +114,11 @@ def write_runs(
         size = sum(write_container(path, sections, overwrite=overwrite).values())
     finally:
         table.close()
-    return CutReport(times.size, groups, size, again, float(times[0]), float(times[-1]))
+    return CutReport(times.size, groups, size, again, float(times[0]), float(times[-1]), lost_sections=unknown)
+
+
+def _unknown_sections(files: Iterable[CodedFile]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(kind for file in files for kind in file.unknown_sections))
 
 
 class _Spools(list[Spool]):

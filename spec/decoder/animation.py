@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
 import struct
-import sys
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -211,13 +211,21 @@ def read_remarks(stream: bytes) -> dict[str, Any]:
     return dict(remarks)
 
 
+def is_finite(number: float) -> bool:
+    """Return whether a number, rounded to float64, is finite."""
+    try:
+        return math.isfinite(number)
+    except OverflowError:
+        return False
+
+
 def check_value(value: object, depth: int) -> None:
     """Section 18: check a value of META and everything nested in it."""
     require(depth <= 32, "META is nested too deep")
     if isinstance(value, str):
         require(not any("\ud800" <= letter <= "\udfff" for letter in value), "META holds half a character")
     elif isinstance(value, int | float):
-        require(abs(value) <= sys.float_info.max, "META holds a number that is not finite")
+        require(is_finite(value), "META holds a number that is not finite")
     elif isinstance(value, dict):
         for member in (*value, *value.values()):
             check_value(member, depth + 1)

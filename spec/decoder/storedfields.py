@@ -195,7 +195,8 @@ def values_of(reader: Chunk, frame: int, code: int, unit: float, kind: str) -> I
     for number, no_number in zip(numbers, kinds, strict=True):
         if code == QUANTISED:
             value = NO_NUMBERS[no_number] if no_number else number * unit
-            yield struct.unpack(f"<{kind}", struct.pack(f"<{kind}", value))[0]
+            with np.errstate(over="ignore"):
+                yield float(np.float64(value).astype(kind))
         elif kind == "?":
             yield number != 0
         elif kind in INTEGERS:

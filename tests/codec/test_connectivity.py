@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
@@ -208,6 +209,16 @@ def test_damage_ends_in_our_own_error_or_in_a_sound_mesh() -> None:
     conn, ordr = encode_connectivity(parts)
     assert assert_only_corrupt_file_errors(conn, lambda each: decoded(each, ordr)) > 100
     assert assert_only_corrupt_file_errors(ordr, lambda each: decoded(conn, each)) > 50
+
+
+def test_the_memory_limit_names_the_corners_of_all_objects_so_far() -> None:
+    conn, ordr = encode_connectivity([grid(9, 9)] * 20)
+    corners = grid(9, 9).face_indices.size
+    with pytest.raises(LimitError, match=r"declares at least \d+ corners") as caught:
+        decoded(conn, ordr, 1_400_000)
+    declared = int(re.findall(r"least (\d+)", str(caught.value))[0])
+    assert declared % corners == 0
+    assert corners < declared < 20 * corners
 
 
 @settings(max_examples=300)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 import re
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
@@ -18,7 +19,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pdecodec import Animation, CorruptFileError, Field, LimitError, MeshSequence, open_animation
-from pdecodec.codec.editing import cut_animation
+from pdecodec.codec.editing import cut_animation, join_animations
 from spec.decoder import animation as independent
 from spec.decoder.fieldchunks import HAS_KINDS, IS_TRANSFORMED
 from spec.decoder.fields import CorruptFileError as IndependentCorruptFileError
@@ -37,6 +38,7 @@ from spec.sealing import (
     content,
     counted,
     group_chunks,
+    seal,
     take_apart,
     take_rows,
     take_runs,
@@ -118,12 +120,8 @@ def test_a_refused_vector_ends_in_the_pinned_error(name: str, tmp_path: Path) ->
     path = tmp_path / f"{name}.pdeanim"
     path.write_bytes(REFUSED[name])
 
-    def decode_all() -> None:
-        with open_animation(path) as animation:
-            animation.verify()
-
     with pytest.raises(CorruptFileError) as caught:
-        decode_all()
+        verify(path)
     assert (type(caught.value) is LimitError) == (expected["error"] == "limit")
     assert caught.value.exit_code == expected["exit_code"]
     assert str(caught.value).startswith(str(path))
@@ -311,6 +309,9 @@ CLAIMS: dict[str, Callable[[Vector], bool]] = {
     "functions_of_length_zero": lambda v: v.chunk("TIME") == b"" and v.rows[0].functions > 0,
     "sections_in_another_order": lambda v: [part.kind for part in v.parts[:3]] == list(CHUNKS[::-1]),
     "unknown_ignorable_sections": lambda v: {"XYZW", "\xff\x00ab"} < {part.kind for part in v.parts},
+    "count_of_nine_bytes": lambda v: v.byte("SEQN", 7) == 0x80,
+    "minor_version_1": lambda v: {"PREV", "a_pp", "SCEN", "META"} < {part.kind for part in v.parts},
+    "chunks_of_no_fields": lambda v: "FLDS" not in {part.kind for part in v.parts},
     "scene": lambda v: v.byte("SCEN", 0) == len("gltf"),
     "without_remarks": lambda v: "META" not in {part.kind for part in v.parts},
 }
@@ -367,12 +368,59 @@ def test_the_table_of_rules_has_every_must_of_the_specification_and_every_refuse
     assert set(MANIFEST["reject"]) == refused
 
 
-@pytest.mark.parametrize("name", ["flags_of_another_minor_version", "unknown_ignorable_sections"])
+def test_no_minor_version_changes_what_is_read_and_what_is_refused() -> None:
+    for data in accepted_vectors().values():
+        with open_animation(data) as animation, open_animation(with_minor_version(data)) as other:
+            other.verify()
+            assert np.array_equal(
+                other.positions(other.times[-1]), animation.positions(animation.times[-1]), equal_nan=True
+            )
+    for data in REFUSED.values():
+        if data[24:28] == zlib.crc32(data[:24]).to_bytes(4, "little"):
+            with pytest.raises(CorruptFileError):
+                verify(with_minor_version(data))
+
+
+def verify(file: bytes | Path) -> None:
+    with open_animation(file) as animation:
+        animation.verify()
+
+
+def with_minor_version(data: bytes, minor: int = 1) -> bytes:
+    """Return a file with another minor version."""
+    head = data[:14] + minor.to_bytes(2, "little") + data[16:24]
+    return head + zlib.crc32(head).to_bytes(4, "little") + data[28:]
+
+
+UNKNOWN = {
+    "flags_of_another_minor_version": ("XYZW", "xyzw"),
+    "unknown_ignorable_sections": ("XYZW", "\xff\0ab"),
+    "minor_version_1": ("PREV", "a_pp"),
+}
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
 def test_files_with_unknown_sections_are_cut_and_give_their_motion_alone(tmp_path: Path, name: str) -> None:
     data = accepted_files()[name].read_bytes()
     with open_animation(data) as whole, open_animation(whole.motion_alone()) as alone:
         assert np.array_equal(alone.positions(whole.times), whole.positions(whole.times))
         (tmp_path / "a.pdeanim").write_bytes(data)
-        cut_animation(tmp_path / "a.pdeanim", tmp_path / "b.pdeanim", 0, whole.frame_count)
+        report = cut_animation(tmp_path / "a.pdeanim", tmp_path / "b.pdeanim", 0, whole.frame_count)
+        assert report.lost_sections == UNKNOWN[name]
         with open_animation(tmp_path / "b.pdeanim") as part:
             assert np.array_equal(part.positions(whole.times), whole.positions(whole.times))
+            assert part.carried == whole.carried
+        of_both = [independent.decode((tmp_path / f"{k}.pdeanim").read_bytes()).remarks for k in "ab"]
+        assert of_both[0].get("provenance") == of_both[1].get("provenance")
+
+
+def test_runs_with_unknown_sections_are_cut_and_joined_without_them(tmp_path: Path) -> None:
+    for name, frames in (("runs_of_minor_version_1", 3), ("minor_version_1", 4)):
+        source, first, rest, joined = (tmp_path / f"{name}{k}.pdeanim" for k in range(4))
+        source.write_bytes(accepted_vectors()[name])
+        with open_animation(source) as whole:
+            for path, begin, end in ((first, 0, frames), (rest, frames, whole.frame_count)):
+                assert cut_animation(source, path, begin, end).lost_sections == ("PREV", "a_pp")
+            if name == "minor_version_1":
+                first.write_bytes(seal([*take_apart(first.read_bytes()), Part("PREV", b"", 0)], minor=1))
+                assert join_animations(first, [rest], joined).lost_sections == ("PREV",)

@@ -203,7 +203,8 @@ std::vector<Choice> choose(std::span<const ConnectivityView> parts, Order wanted
     return choices;
 }
 
-void check_head(Kind kind, const Head &head, i64 most_corners) {
+// Check the head of an object's faces or lines. before: corners that the heads before it declare.
+void check_head(Kind kind, const Head &head, i64 before, i64 most_corners) {
     // The product of two 32-bit numbers may overflow a signed 64-bit number: divide instead.
     const bool overflows = head.size && head.count > most_corners_of_object / head.size;
     if ((head.size && head.size < smallest[kind]) || overflows || head.corners > most_corners_of_object ||
@@ -211,8 +212,8 @@ void check_head(Kind kind, const Head &head, i64 most_corners) {
         const char *what = kind == faces ? " faces" : " lines";
         throw CorruptError(Section("CONN"), "declares " + std::to_string(head.count) + what + ", which is impossible");
     }
-    if (head.corners > most_corners) {
-        throw LimitError("section CONN declares " + std::to_string(head.corners) +
+    if (head.corners > most_corners - before) {
+        throw LimitError("section CONN declares at least " + std::to_string(before + head.corners) +
                          " corners, more than the memory limit allows");
     }
 }
@@ -295,14 +296,15 @@ std::vector<Connectivity> decode_connectivity(std::span<const u8> conn_bytes, st
     Models models;
     std::vector<Connectivity> parts;
     bool any_order = false;
+    i64 corners = 0;
     for (const i64 count_of_vertices : vertices) {
         Connectivity part;
         part.vertices = count_of_vertices;
         for (const Kind kind : {faces, lines}) {
             const Head head = code_head(conn, models, kind, {0, 0, 0});
             if (head.count == 0) continue;
-            check_head(kind, head, most_corners);
-            most_corners -= head.corners;
+            check_head(kind, head, corners, most_corners);
+            corners += head.corners;
             try {
                 if (kind == faces) {
                     const Choice choice = code_choice(conn, models, {});

@@ -7,7 +7,6 @@ from __future__ import annotations
 import itertools
 import json
 import math
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -182,6 +181,14 @@ def decode_remarks(data: bytes, max_memory: int = MAX_JSON_BYTES * JSON_MEMORY) 
     return remarks
 
 
+def _is_finite(number: float) -> bool:
+    """Return whether a number, rounded to float64, is finite."""
+    try:
+        return math.isfinite(number)
+    except OverflowError:
+        return False
+
+
 def _find_fault(remarks: Mapping[str, Any]) -> str | None:
     """Describe the first item of a JSON object that other programs or a terminal cannot handle; None if all are
     fine.
@@ -195,7 +202,7 @@ def _find_fault(remarks: Mapping[str, Any]) -> str | None:
                     item.encode()
                 except UnicodeEncodeError:
                     return "text that UTF-8 cannot hold"
-            elif isinstance(item, int | float) and not -sys.float_info.max <= item <= sys.float_info.max:
+            elif isinstance(item, int | float) and not _is_finite(item):
                 return "a number that is not finite"
             elif isinstance(item, Mapping):
                 inside += [*item.keys(), *item.values()]
