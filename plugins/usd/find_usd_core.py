@@ -6,7 +6,7 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
-MODULES = ("ar", "arch", "boost", "gf", "js", "plug", "sdf", "tf", "trace", "ts", "vt", "work")
+MODULES = ("ar", "arch", "boost", "gf", "js", "pcp", "plug", "sdf", "tf", "trace", "ts", "vt", "work")
 """Modules of OpenUSD whose headers the plug-in includes, by name of package: pxr-NAME-dev."""
 
 
@@ -24,9 +24,9 @@ def headers_of(module: str, version: str | None) -> Path:
     try:
         found = metadata.distribution(f"pxr-{module}-dev")
     except metadata.PackageNotFoundError:
-        sys.exit("the headers of usd-core are missing: install the package pxr-sdf-dev of the version of usd-core")
+        sys.exit("the headers of usd-core are missing: install the package pxr-pcp-dev of the version of usd-core")
     if version not in (None, found.version):
-        sys.exit(f"usd-core {version} needs headers of its version, not of {found.version}: pxr-sdf-dev=={version}")
+        sys.exit(f"usd-core {version} needs headers of its version, not of {found.version}: pxr-pcp-dev=={version}")
     return Path(str(found.locate_file("")))
 
 

@@ -13,6 +13,9 @@ namespace {
 // Runs that stay open: a player asks for those around one time.
 constexpr std::size_t max_open_runs = 4;
 
+// Largest memory that the library takes unless it is told another [bytes].
+constexpr std::uint64_t default_memory = 1ull << 32;
+
 // Largest size of the remarks [bytes] (18 of the specification).
 constexpr unsigned long long max_remark_bytes = 1 << 24;
 
@@ -46,7 +49,8 @@ Run::Run(std::shared_ptr<const Source> source, pdeanim_animation *handle, bool c
     }
 }
 
-Clip::Clip(const std::string &resolved_path, std::size_t max_memory, std::size_t max_kept) : path_(resolved_path) {
+Clip::Clip(const std::string &resolved_path, std::size_t max_memory, std::size_t max_kept)
+    : path_(resolved_path), max_memory_(max_memory ? max_memory : default_memory) {
     std::shared_ptr<ArAsset> asset = ArGetResolver().OpenAsset(ArResolvedPath(resolved_path));
     if (!asset) throw Failure("the file cannot be opened; check that it exists and may be read");
     source_ = std::make_shared<Source>(Source{asset});
@@ -74,6 +78,17 @@ std::shared_ptr<const Run> Clip::run(int index) const {
     open_runs_.emplace_front(index, std::make_shared<const Run>(source_, handle, run_count() > 1));
     if (open_runs_.size() > max_open_runs) open_runs_.pop_back();
     return open_runs_.front().second;
+}
+
+std::shared_ptr<const Carrier> Clip::carrier() const {
+    for (std::int64_t i = 0; i < pdeanim_section_count(handle_); ++i) {
+        pdeanim_section section;
+        pdeanim_error error;
+        check(pdeanim_get_section(handle_, i, &section, &error), error);
+        if (std::string(section.type) != "SCEN" || !section.length) continue;
+        return std::make_shared<const Carrier>(source_->asset, section.offset, section.length, max_memory_);
+    }
+    return nullptr;
 }
 
 std::map<std::string, std::string> Clip::metadata() const {

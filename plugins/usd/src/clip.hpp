@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "carrier.hpp"
 #include "shape.hpp"
 #include "usd_headers.hpp"
 
@@ -69,11 +70,15 @@ public:
     // Return a run; opening one decodes its connectivity and attributes. The runs used last stay open.
     std::shared_ptr<const Run> run(int index) const;
 
+    // Return the scene around the motion, NULL if there is none. Raise Failure if it is damaged.
+    std::shared_ptr<const Carrier> carrier() const;
+
     // Return the texts that the source's program stored: up_axis, unit, ...
     std::map<std::string, std::string> metadata() const;
 
 private:
     std::string path_;
+    std::uint64_t max_memory_;
     std::shared_ptr<const Source> source_;
     pdeanim_animation *handle_ = nullptr;
     std::vector<double> times_;

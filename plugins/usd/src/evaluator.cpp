@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 
+#include "names.hpp"
 #include "text.hpp"
 
 namespace pdeanim_usd {
@@ -17,6 +18,9 @@ constexpr double time_slack = 1e-9;
 constexpr double same_code = 1e-9;
 
 constexpr double max_samples = 1 << 24;
+
+// Half of the interval over which the velocity of a transform is measured [s].
+constexpr double slope_seconds = 1e-4;
 
 bool are_same(double code, double other) {
     return std::abs(code - other) <= same_code * std::max(1.0, std::abs(other));
@@ -53,6 +57,15 @@ VtVec3fArray as_vec3f(const std::vector<char> &rows) {
     return found;
 }
 
+// Return how a field turns with the points: as "vector" or "normal"; empty if not at all.
+std::string direction_role(const Field &field) {
+    const std::string role = role_of(field.name);
+    if (field.columns != 3 || field.type.kind != 'f') return "";
+    return role == "vector" || role == "normal"                                ? role
+           : field.name == "velocities" || field.name == "accelerations" ? "vector"
+                                                                               : "";
+}
+
 // Interpolate rows of a time [s] and a matrix, number by number.
 GfMatrix4d matrix_at(const std::vector<double> &rows, double time) {
     constexpr std::size_t columns = 17;
@@ -69,7 +82,7 @@ GfMatrix4d matrix_at(const std::vector<double> &rows, double time) {
 
 }  // namespace
 
-Evaluator::Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t max_kept)
+Evaluator::Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t max_kept, double rate)
     : clip_(std::move(clip)), metadata_(clip_->metadata()), max_kept_(max_kept) {
     const std::vector<double> &times = clip_->times();
     std::vector<double> sampled = times;
@@ -81,7 +94,9 @@ Evaluator::Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t m
     }
     fps_ = fps > 0 ? fps : clip_->frame_rate();
     rate_ = fps_;
-    if (const auto found = metadata_.find("time_codes_per_second"); found != metadata_.end()) {
+    if (rate > 0) {
+        rate_ = rate;
+    } else if (const auto found = metadata_.find("time_codes_per_second"); found != metadata_.end()) {
         rate_ = std::max(number_of(found->second).value_or(0), 0.0);
         if (!rate_) rate_ = fps_;
     }
@@ -125,7 +140,8 @@ double Evaluator::time_of(double code) const {
 }
 
 VtValue Evaluator::value(const Series &series, double code) const {
-    const double time = time_of(code);
+    const auto known = series.times.find(code);
+    const double time = known == series.times.end() ? time_of(code) : known->second;
     const int index = changes() ? clip_->run_at(time) : 0;
     const std::shared_ptr<const Run> run = clip_->run(index);
     const Shape *shape = this->shape(*run, index, series.shape);
@@ -141,36 +157,90 @@ VtValue Evaluator::value(const Series &series, double code) const {
                 if (one.role + ":" + one.label == series.name) return VtValue(one.members);
             }
             return series.empty;
-        case Quantity::field: {
-            const Field *field = this->field(*run, index, series.shape, series.name);
-            if (!field) return series.empty;
-            const std::size_t row_bytes = field->columns * field->type.bytes;
-            const auto rows = field_rows(*run, index, *field, time);
-            std::vector<char> own(rows->begin() + field->first_rows[object] * row_bytes,
-                                  rows->begin() + field->first_rows[object + 1] * row_bytes);
-            if (!shape->gather.empty() && field->interpolation == "vertex") {
-                std::vector<char> gathered;
-                for (const int vertex : shape->gather) {
-                    gathered.insert(gathered.end(), own.begin() + vertex * row_bytes,
-                                    own.begin() + (vertex + 1) * row_bytes);
-                }
-                own = std::move(gathered);
-            }
-            if (field->type.bytes == 8 && series.empty.IsHolding<VtVec3fArray>()) return VtValue(as_vec3f(own));
-            return field_value(*field, own);
-        }
-        case Quantity::normals:
+        case Quantity::field:
+        case Quantity::sampled: return field_at(series, *run, index, time, code);
+        case Quantity::normals: {
             if (!shape->normals) return series.empty;
-            return VtValue(shape->normals->find(*vectors(Quantity::points, *run, index, object, time)));
-        case Quantity::extent: return VtValue(extent_of(*vectors(Quantity::points, *run, index, object, time)));
+            const auto points = vectors(Quantity::points, *run, index, object, time);
+            return VtValue(in_own_space(series, code, shape->normals->find(*points), Quantity::normals));
+        }
         default: break;
     }
-    const auto found = vectors(series.quantity, *run, index, object, time);
-    if (shape->gather.empty()) return VtValue(*found);
+    const Quantity quantity = series.quantity == Quantity::extent ? Quantity::points : series.quantity;
+    VtVec3fArray found = *vectors(quantity, *run, index, object, time);
+    if (series.in_scene && series.in_scene->placement) {
+        found = quantity == Quantity::velocities && !series.in_scene->placement->is_constant()
+                    ? velocities_in_own_space(series, code, found, *vectors(Quantity::points, *run, index, object, time))
+                    : in_own_space(series, code, found, quantity);
+    }
+    if (series.quantity == Quantity::extent) return VtValue(extent_of(found));
+    if (shape->gather.empty() || (series.in_scene && !series.in_scene->is_gathered)) return VtValue(found);
     VtVec3fArray gathered;
     gathered.reserve(shape->gather.size());
-    for (const int vertex : shape->gather) gathered.push_back((*found)[vertex]);
+    for (const int vertex : shape->gather) gathered.push_back(found[vertex]);
     return VtValue(gathered);
+}
+
+VtVec3fArray Evaluator::in_own_space(const Series &series, double code, VtVec3fArray found, Quantity quantity) const {
+    if (!series.in_scene || !series.in_scene->placement) return found;
+    const Placement &placement = *series.in_scene->placement;
+    const GfMatrix4d own = placement.inverse(code);
+    // Normals stay perpendicular to the surface.
+    const GfMatrix4d of_normals = placement.matrix(code).GetTranspose();
+    for (GfVec3f &one : found) {
+        const GfVec3d old(one);
+        if (quantity == Quantity::points) {
+            one = GfVec3f(own.TransformAffine(old));
+        } else if (quantity == Quantity::normals) {
+            const GfVec3d turned = of_normals.TransformDir(old);
+            const double length = turned.GetLength();
+            one = length > 0 ? GfVec3f(turned * (old.GetLength() / length)) : one;
+        } else {
+            one = GfVec3f(own.TransformDir(old));
+        }
+    }
+    return found;
+}
+
+// Return velocities without those of the space itself.
+VtVec3fArray Evaluator::velocities_in_own_space(const Series &series, double code, VtVec3fArray found,
+                                                const VtVec3fArray &points) const {
+    const Placement &placement = *series.in_scene->placement;
+    const double first = samples_.front().code, last = samples_.back().code, step = slope_seconds * rate_;
+    const double before = std::clamp(code - step, first, last), after = std::clamp(code + step, first, last);
+    const double seconds = std::max((after - before) / rate_, slope_seconds);
+    const GfMatrix4d slope = (placement.matrix(after) - placement.matrix(before)) * (1 / seconds);
+    const GfMatrix4d own = placement.inverse(code);
+    for (std::size_t i = 0; i < found.size(); ++i) {
+        const GfVec3d point = own.TransformAffine(GfVec3d(points[i]));
+        found[i] = GfVec3f(own.TransformDir(GfVec3d(found[i]) - slope.TransformDir(point) - slope.ExtractTranslation()));
+    }
+    return found;
+}
+
+VtValue Evaluator::field_at(const Series &series, const Run &run, int run_index, double time, double code) const {
+    const Field *field = this->field(run, run_index, series.shape, series.name);
+    if (!field) return series.empty;
+    const int object = objects_[series.shape][run_index];
+    const Shape &shape = run.shapes()[object];
+    const std::size_t row_bytes = field->columns * field->type.bytes;
+    const auto rows = field_rows(run, run_index, *field, time);
+    std::vector<char> own(rows->begin() + field->first_rows[object] * row_bytes,
+                          rows->begin() + field->first_rows[object + 1] * row_bytes);
+    std::vector<std::int32_t> order;
+    if (field->interpolation == "vertex" && (!series.in_scene || series.in_scene->is_gathered)) order = shape.gather;
+    if (field->interpolation == "faceVarying" && series.in_scene && series.in_scene->is_turned) {
+        order = reversed_corners(shape.face_sizes);
+    }
+    if (!order.empty()) own = rows_in_order(own.data(), row_bytes, order);
+    const std::string role = direction_role(*field);
+    if (field->type.bytes == 8 && series.empty.IsHolding<VtVec3fArray>()) return VtValue(as_vec3f(own));
+    VtValue found = field_value(*field, own);
+    if (series.in_scene && !role.empty() && found.IsHolding<VtVec3fArray>()) {
+        const Quantity quantity = role == "normal" ? Quantity::normals : Quantity::velocities;
+        found = VtValue(in_own_space(series, code, found.UncheckedGet<VtVec3fArray>(), quantity));
+    }
+    return found;
 }
 
 template <class Made, class Make> std::shared_ptr<const Made> Evaluator::kept(const Key &key, const Make &make) const {

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "clip.hpp"
+#include "placement.hpp"
 
 namespace pdeanim_usd {
 
@@ -18,8 +19,16 @@ struct Sample {
     int run;
 };
 
-// What varies: with each frame, but for `constant`, an attribute that is constant within a run.
-enum class Quantity { points, velocities, accelerations, normals, extent, transform, field, constant };
+// What varies: with each frame, but for `constant`, an attribute that is constant within a run, and `sampled`, a field at some
+// of the samples of a scene.
+enum class Quantity { points, velocities, accelerations, normals, extent, transform, field, constant, sampled };
+
+// How a prim of a scene differs from the object of the file.
+struct InScene {
+    std::shared_ptr<const Placement> placement;  // NULL: its space is the scene's
+    bool is_gathered = false;                    // whether it has a point for each point of the object's lines
+    bool is_turned = false;                      // whether its faces have the corners of the object's in reverse order
+};
 
 // An attribute that varies.
 struct Series {
@@ -28,13 +37,15 @@ struct Series {
     std::string name;  // of the field, or of the attribute that is constant within a run
     VtValue empty;     // the value where the shape, or what it has a value for, is missing
     std::shared_ptr<const std::vector<double>> codes;
+    std::shared_ptr<const InScene> in_scene = nullptr;  // NULL outside of scenes
+    std::map<double, double> times = {};                // of `sampled`: the time [s] of the frame for each time code
 };
 
 class Evaluator {
 public:
     // Use the clip's frames, or, if `fps` is above 0, so many samples a second. `max_kept` is the size of the cache of
-    // evaluated values [bytes].
-    Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t max_kept);
+    // evaluated values [bytes], `rate` the number of time codes a second, 0 for what the clip says.
+    Evaluator(std::shared_ptr<const Clip> clip, double fps, std::size_t max_kept, double rate = 0);
 
     const Clip &clip() const { return *clip_; }
     const std::vector<ShapeKey> &keys() const { return keys_; }
@@ -62,6 +73,10 @@ private:
     };
 
     double time_of(double code) const;
+    VtVec3fArray in_own_space(const Series &series, double code, VtVec3fArray found, Quantity quantity) const;
+    VtVec3fArray velocities_in_own_space(const Series &series, double code, VtVec3fArray found,
+                                         const VtVec3fArray &points) const;
+    VtValue field_at(const Series &series, const Run &run, int run_index, double time, double code) const;
     std::shared_ptr<const VtVec3fArray> vectors(Quantity quantity, const Run &run, int run_index, int object,
                                                 double time) const;
     std::shared_ptr<const std::vector<char>> field_rows(const Run &run, int run_index, const Field &field,

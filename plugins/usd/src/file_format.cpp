@@ -1,6 +1,7 @@
 // The file format plug-in: `.pdeanim` files as layers of OpenUSD.
 #include <cmath>
 
+#include "scene.hpp"
 #include "stage.hpp"
 #include "text.hpp"
 
@@ -56,14 +57,52 @@ public:
             const auto cache = bytes_argument(arguments, "cache", std::max(TfGetEnvSetting(PDEANIM_USD_CACHE), 1));
             const auto of_values = cache / share_of_values;
             const auto clip = std::make_shared<Clip>(path, bytes_argument(arguments, "memory", 0), cache - of_values);
-            const auto evaluator = std::make_shared<Evaluator>(clip, fps, of_values);
-            SdfAbstractDataRefPtr data = layer_data_of(evaluator, metadata_only);
-            _SetLayerData(layer, data);
+            if (const auto name = arguments.find(layer_argument); name != arguments.end()) {
+                const auto carrier = clip->carrier();
+                if (!carrier || !carrier->is_usd()) throw Failure("the file has no scene of USD with a layer of this name");
+                show(layer, TfCreateRefPtr(new SdfData), *open_scene_layer(*clip, *carrier, name->second, arguments));
+            } else if (!shows_scene(arguments) || !show_scene(layer, clip, fps, of_values, arguments)) {
+                const auto evaluator = std::make_shared<const Evaluator>(clip, fps, of_values);
+                SdfAbstractDataRefPtr data = layer_data_of(evaluator, metadata_only);
+                _SetLayerData(layer, data);
+            }
             return true;
         } catch (const std::exception &error) {
             TF_RUNTIME_ERROR("%s: %s", path.c_str(), error.what());
             return false;
         }
+    }
+
+private:
+    static bool shows_scene(const FileFormatArguments &arguments) {
+        const auto found = arguments.find("scene");
+        if (found == arguments.end() || found->second == "keep") return true;
+        if (found->second == "drop") return false;
+        throw Failure("the argument 'scene' must be keep or drop, not '" + found->second + "'");
+    }
+
+    // Show the file's scene, if it has one of USD; warn and return false if the motion does not fit it.
+    static bool show_scene(SdfLayer *layer, const std::shared_ptr<const Clip> &clip, double fps, std::size_t max_kept,
+                           const FileFormatArguments &arguments) {
+        try {
+            const auto carrier = clip->carrier();
+            if (!carrier || !carrier->is_usd()) return false;
+            const SceneLayer scene = scene_layer_of(clip, *carrier, fps, max_kept, arguments);
+            const auto data = TfCreateRefPtr(new LayerData(scene.evaluator));
+            show(layer, data, *scene.layer);
+            for (const auto &[path, series] : scene.series) data->add_series(path, series);
+            return true;
+        } catch (const std::exception &error) {
+            TF_WARN("%s: the meshes are shown without the scene around them: %s", clip->path().c_str(), error.what());
+            return false;
+        }
+    }
+
+    // Show what another layer holds.
+    static void show(SdfLayer *layer, const SdfDataRefPtr &data, const SdfLayer &from) {
+        data->CopyFrom(_GetLayerData(from));
+        SdfAbstractDataRefPtr shown = data;
+        _SetLayerData(layer, shown);
     }
 };
 

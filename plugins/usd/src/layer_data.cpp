@@ -23,13 +23,23 @@ bool store(VtValue *into, const VtValue &value) {
 
 void LayerData::add_series(const SdfPath &path, Series series) {
     // An empty map says that there are samples to everybody who lists the attribute's fields.
-    Set(path, SdfFieldKeys->TimeSamples, VtValue(SdfTimeSampleMap()));
+    if (series.quantity != Quantity::sampled) Set(path, SdfFieldKeys->TimeSamples, VtValue(SdfTimeSampleMap()));
     series_.emplace(path, std::move(series));
 }
 
 const Series *LayerData::find(const SdfPath &path) const {
     const auto found = series_.find(path);
     return found == series_.end() ? nullptr : &found->second;
+}
+
+const Series *LayerData::find_evaluated(const SdfPath &path) const {
+    const Series *found = find(path);
+    return found && found->quantity != Quantity::sampled ? found : nullptr;
+}
+
+const Series *LayerData::find_at(const SdfPath &path, double time) const {
+    const Series *found = find(path);
+    return found && (found->quantity != Quantity::sampled || found->times.contains(time)) ? found : nullptr;
 }
 
 VtValue LayerData::value_at(const Series &series, const SdfPath &path, double time) const {
@@ -45,7 +55,7 @@ VtValue LayerData::value_at(const Series &series, const SdfPath &path, double ti
 
 VtValue LayerData::all_samples(const Series &series, const SdfPath &path) const {
     SdfTimeSampleMap samples;
-    for (const double code : *series.codes) samples[code] = value_at(series, path, code);
+    for (const double code : *series.codes) QueryTimeSample(path, code, &samples[code]);
     return VtValue::Take(samples);
 }
 
@@ -80,20 +90,24 @@ const std::type_info &LayerData::GetTypeid(const SdfPath &path, const TfToken &f
     return varies ? typeid(SdfTimeSampleMap) : SdfData::GetTypeid(path, field);
 }
 
-const std::type_info &LayerData::QueryTimeSampleTypeid(const SdfPath &path, double) const {
+const std::type_info &LayerData::QueryTimeSampleTypeid(const SdfPath &path, double time) const {
     const Series *series = find(path);
-    return series ? series->empty.GetTypeid() : typeid(void);
+    if (series) return series->empty.GetTypeid();
+    VtValue value;
+    SdfData::QueryTimeSample(path, time, &value);
+    return value.GetTypeid();
 }
 
 std::set<double> LayerData::ListAllTimeSamples() const {
-    std::set<double> found;
+    std::set<double> found = SdfData::ListAllTimeSamples();
     for (const Sample &one : evaluator_->samples()) found.insert(one.code);
     return found;
 }
 
 std::set<double> LayerData::ListTimeSamplesForPath(const SdfPath &path) const {
-    const Series *series = find(path);
-    return series ? std::set<double>(series->codes->begin(), series->codes->end()) : std::set<double>();
+    const Series *series = find_evaluated(path);
+    if (!series) return SdfData::ListTimeSamplesForPath(path);
+    return std::set<double>(series->codes->begin(), series->codes->end());
 }
 
 bool LayerData::GetBracketingTimeSamples(double time, double *lower, double *upper) const {
@@ -102,20 +116,20 @@ bool LayerData::GetBracketingTimeSamples(double time, double *lower, double *upp
 }
 
 std::size_t LayerData::GetNumTimeSamplesForPath(const SdfPath &path) const {
-    const Series *series = find(path);
-    return series ? series->codes->size() : 0;
+    const Series *series = find_evaluated(path);
+    return series ? series->codes->size() : SdfData::GetNumTimeSamplesForPath(path);
 }
 
 bool LayerData::GetBracketingTimeSamplesForPath(const SdfPath &path, double time, double *lower, double *upper) const {
-    const Series *series = find(path);
+    const Series *series = find_evaluated(path);
+    if (!series) return SdfData::GetBracketingTimeSamplesForPath(path, time, lower, upper);
     // What is constant in a run changes at its first frame, after the last one that has a sample, too.
-    const double last = evaluator_->samples().back().code;
-    return series && bracket(series->codes->front(), last, time, lower, upper);
+    return bracket(series->codes->front(), evaluator_->samples().back().code, time, lower, upper);
 }
 
 bool LayerData::GetPreviousTimeSampleForPath(const SdfPath &path, double time, double *previous) const {
-    const Series *series = find(path);
-    if (!series) return false;
+    const Series *series = find_evaluated(path);
+    if (!series) return SdfData::GetPreviousTimeSampleForPath(path, time, previous);
     const auto after = std::lower_bound(series->codes->begin(), series->codes->end(), time);
     if (after == series->codes->begin()) return false;
     *previous = *std::prev(after);
@@ -123,15 +137,15 @@ bool LayerData::GetPreviousTimeSampleForPath(const SdfPath &path, double time, d
 }
 
 bool LayerData::QueryTimeSample(const SdfPath &path, double time, SdfAbstractDataValue *value) const {
-    const Series *series = find(path);
-    if (!series || !value) return series;
-    return store(value, value_at(*series, path, time));
+    const Series *series = find_at(path, time);
+    if (!series) return SdfData::QueryTimeSample(path, time, value);
+    return !value || store(value, value_at(*series, path, time));
 }
 
 bool LayerData::QueryTimeSample(const SdfPath &path, double time, VtValue *value) const {
-    const Series *series = find(path);
-    if (!series || !value) return series;
-    return store(value, value_at(*series, path, time));
+    const Series *series = find_at(path, time);
+    if (!series) return SdfData::QueryTimeSample(path, time, value);
+    return !value || store(value, value_at(*series, path, time));
 }
 
 }  // namespace pdeanim_usd

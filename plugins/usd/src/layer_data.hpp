@@ -40,6 +40,10 @@ public:
 private:
     const Series *find(const SdfPath &path) const;
 
+    // Likewise, but nothing for attributes whose samples stand where the scene has them, or for those of its own samples.
+    const Series *find_evaluated(const SdfPath &path) const;
+    const Series *find_at(const SdfPath &path, double time) const;
+
     // Return all samples of an attribute: copies and exports ask for them at once.
     VtValue all_samples(const Series &series, const SdfPath &path) const;
 

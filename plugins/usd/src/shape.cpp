@@ -42,13 +42,14 @@ public:
     Shape read() {
         shape_.key.name = object_.name;
         shape_.vertex_count = object_.vertex_count;
-        shape_.face_count = object_.face_count;
+        shape_.face_sizes = span_of(object_.face_sizes, object_.face_count);
+        shape_.face_indices = span_of(object_.face_indices, object_.corner_count);
         shape_.key.subdivision = label_of("subdivision");
         shape_.key.curve_basis = label_of("curve_basis");
         shape_.key.wrap = label_of("curve_wrap");
         find_form();
         read_transform();
-        if (shape_.key.subdivision.empty()) read_normals();
+        read_normals();
         read_attributes();
         return std::move(shape_);
     }
@@ -89,8 +90,8 @@ private:
         bool has_hidden_lines = object_.line_count > 0;
         if (object_.face_count) {
             shape_.key.schema = "Mesh";
-            add("faceVertexCounts", span_of(object_.face_sizes, object_.face_count));
-            add("faceVertexIndices", span_of(object_.face_indices, object_.corner_count));
+            add("faceVertexCounts", shape_.face_sizes);
+            add("faceVertexIndices", shape_.face_indices);
         } else if (has_hidden_lines && *std::min_element(sizes.begin(), sizes.end()) >= 2 &&
                    static_cast<std::int64_t>(std::set<std::int32_t>(vertices.begin(), vertices.end()).size()) ==
                        object_.vertex_count) {
@@ -158,7 +159,7 @@ private:
 
     void read_normals() {
         if (!object_.face_count) return;
-        const auto sizes = span_of(object_.face_sizes, object_.face_count);
+        const auto sizes = shape_.face_sizes;
         std::vector<std::int32_t> keys, shared;
         if (const pdeanim_attribute *groups = find("normal_group", PDEANIM_OF_CORNERS); is_whole(groups)) {
             keys = expanded(*groups);
@@ -174,9 +175,11 @@ private:
         } else {
             return;
         }
-        const auto corners = span_of(object_.face_indices, object_.corner_count);
-        shape_.normals = std::make_shared<NormalRows>(object_.vertex_count, sizes, corners, keys, shared);
-        if (changes_ || !shape_.normals->is_smooth()) {
+        shape_.normals =
+            std::make_shared<NormalRows>(object_.vertex_count, sizes, shape_.face_indices, keys, shared);
+        // Programs compute the normals of subdivision surfaces.
+        shape_.shows_normals = shape_.key.subdivision.empty();
+        if (shape_.shows_normals && (changes_ || !shape_.normals->is_smooth())) {
             shape_.properties.push_back(
                 {"primvars:normals:indices", int_array_type(), VtValue(shape_.normals->corner_rows())});
         }
@@ -194,7 +197,7 @@ private:
             const bool is_set = one.domain == PDEANIM_OF_FACES && (role == "group" || role == "material");
             const bool is_surface = one.domain == PDEANIM_OF_FACES || one.domain == PDEANIM_OF_CORNERS;
             if (written_elsewhere.contains(name) || is_set || one.domain == PDEANIM_OF_CELLS ||
-                (name == "normal_group" && shape_.normals) || (name == "id" && id_is_written_) ||
+                (name == "normal_group" && shape_.shows_normals) || (name == "id" && id_is_written_) ||
                 (is_surface && shape_.key.schema != "Mesh")) {
                 continue;
             }

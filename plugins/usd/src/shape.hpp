@@ -4,6 +4,7 @@
 #include <pdeanim.h>
 
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -43,8 +44,9 @@ struct Shape {
     std::vector<int> gather;  // the vertex of each point of curves; empty: all in order
     std::vector<Property> properties;
     std::vector<FaceSet> face_sets;
-    std::int64_t face_count = 0;
-    std::shared_ptr<const NormalRows> normals;  // may be NULL
+    std::span<const std::int32_t> face_sizes, face_indices;  // of the open animation
+    std::shared_ptr<const NormalRows> normals;               // may be NULL
+    bool shows_normals = false;                              // outside of scenes
     std::vector<double> transform;              // rows of a time [s] and a matrix
 };
 

@@ -186,7 +186,7 @@ private:
             runs_.insert(index);
             for (const Property &one : shape.properties) add_property(one);
             write_sets(shape);
-            if (shape.normals) {
+            if (shape.shows_normals) {
                 is_by_corner_ = is_by_corner_ || stage_.evaluator_->changes() || !shape.normals->is_smooth();
                 has_normals_ = true;
             }
@@ -271,7 +271,7 @@ private:
                 if (sets_.insert(key).second) add_set(one, key, unique_name(name, set_names_));
             }
             for (const auto &[role, size] : sizes) {
-                if (size > static_cast<std::size_t>(shape.face_count)) overlapping_.insert(role);
+                if (size > shape.face_sizes.size()) overlapping_.insert(role);
                 const std::string name = "subsetFamily:" + family_of(role) + ":familyType";
                 const std::string type = overlapping_.contains(role) ? "unrestricted" : "nonOverlapping";
                 if (has_property(name)) {

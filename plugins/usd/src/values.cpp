@@ -86,6 +86,25 @@ const ArrayType &scalar_type(NumberType type) {
     return found == types.end() ? *array_type("", {'i', 4}, 1) : found->second;
 }
 
+std::vector<char> rows_in_order(const void *data, std::size_t row_bytes, const std::vector<std::int32_t> &order) {
+    std::vector<char> found;
+    found.reserve(order.size() * row_bytes);
+    for (const std::int32_t row : order) {
+        const char *first = static_cast<const char *>(data) + row * row_bytes;
+        found.insert(found.end(), first, first + row_bytes);
+    }
+    return found;
+}
+
+std::vector<std::int32_t> reversed_corners(std::span<const std::int32_t> face_sizes) {
+    std::vector<std::int32_t> found;
+    for (const std::int32_t size : face_sizes) {
+        const auto end = static_cast<std::int32_t>(found.size()) + size;
+        for (std::int32_t k = 1; k <= size; ++k) found.push_back(end - k);
+    }
+    return found;
+}
+
 std::vector<std::int32_t> as_int32(const void *data, std::size_t count, NumberType type) {
     std::vector<std::int32_t> found(count);
     const auto fill = [&]<class Number>(const Number *numbers) {

@@ -3,7 +3,9 @@
 
 #include <pdeanim.h>
 
+#include <span>
 #include <string>
+#include <vector>
 
 #include "usd_headers.hpp"
 
@@ -34,6 +36,12 @@ const ArrayType &scalar_type(NumberType type);
 
 // Return the numbers as 32-bit integers.
 std::vector<std::int32_t> as_int32(const void *data, std::size_t count, NumberType type);
+
+// Return rows of some bytes each in another order.
+std::vector<char> rows_in_order(const void *data, std::size_t row_bytes, const std::vector<std::int32_t> &order);
+
+// Return the order of corners that reverses every face; applied twice, it restores the original order.
+std::vector<std::int32_t> reversed_corners(std::span<const std::int32_t> face_sizes);
 
 template <class Row> VtArray<Row> array_of(const void *data, std::size_t count) {
     const Row *rows = static_cast<const Row *>(data);
