@@ -8,7 +8,7 @@ namespace pdeanim_usd {
 namespace {
 
 // Limits of section SCEN (26 of the specification).
-constexpr std::uint64_t max_entries = 1 << 16, max_text = 4096;
+constexpr std::uint64_t max_entries = 1 << 16, max_text = 4096, max_content = 1ull << 40;
 
 // Largest size of the names and sizes before the streams [bytes]: of as many streams as there may be.
 constexpr std::uint64_t max_head = 1 << 25;
@@ -127,12 +127,12 @@ Carrier::Carrier(std::shared_ptr<ArAsset> asset, std::uint64_t offset, std::uint
     std::uint64_t whole = 0, packed = 0;
     for (std::uint64_t streams = fields.count(max_entries); streams; --streams) {
         const std::string name = fields.text();
-        Stream one{packed, 0, fields.count(max_memory), 0};
+        Stream one{packed, 0, fields.count(max_content), 0};
         one.packed = fields.count(size);
         one.checksum = fields.u32();
         whole += one.size;
         packed += one.packed;
-        if (packed > size || !streams_.emplace(name, one).second) fail();
+        if (whole > max_content || packed > size || !streams_.emplace(name, one).second) fail();
         if (whole > max_memory) throw Failure("the scene needs more memory than the memory limit allows");
     }
     if (fields.place() + packed != size) fail();

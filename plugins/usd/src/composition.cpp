@@ -54,9 +54,9 @@ std::pair<std::vector<TransformStep>, bool> steps_of(const Prim &prim) {
 
 Prim::Prim(const PcpPrimIndex &index) : index_(index), path_(index.GetPath()) {}
 
-void Prim::visit_specs(const std::string &property,
-                       const std::function<bool(const SdfLayerHandle &, const SdfPath &, const SdfLayerOffset &)> &visit)
-    const {
+void Prim::visit_specs(
+    const std::string &property,
+    const std::function<bool(const SdfLayerHandle &, const SdfPath &, const SdfLayerOffset &)> &visit) const {
     const TfToken name(property);
     for (const PcpNodeRef &node : index_.GetNodeRange()) {
         if (!node.CanContributeSpecs()) continue;
@@ -122,9 +122,8 @@ bool Prim::has_targets(const std::string &relationship) const {
     return !targets.empty();
 }
 
-Composition::Composition(const SdfLayerRefPtr &root, const std::vector<std::string> &muted)
+Composition::Composition(const SdfLayerRefPtr &root)
     : cache_(std::make_unique<PcpCache>(PcpLayerStackIdentifier(root), "usd", true)) {
-    cache_->RequestLayerMuting(muted, {});
     PcpErrorVector errors;
     cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
     TfTokenVector names;
@@ -165,8 +164,7 @@ void Composition::visit(const SdfPath &path, Above above) {
     if (prim.is_a("UsdGeomXformable")) {
         auto [steps, is_reset] = steps_of(prim);
         if (is_reset || !steps.empty()) {
-            above.placement =
-                std::make_shared<const Placement>(std::move(steps), is_reset ? nullptr : above.placement);
+            above.placement = std::make_shared<const Placement>(std::move(steps), is_reset ? nullptr : above.placement);
         }
     }
     if (const Varying purpose = prim.attribute("purpose"); !purpose.values.empty()) {
@@ -174,8 +172,8 @@ void Composition::visit(const SdfPath &path, Above above) {
     }
     above.is_skinned = above.is_skinned || prim.is_a("UsdSkelRoot");
     above.has_skeleton = above.has_skeleton || prim.has_targets("skel:skeleton");
-    above.has_joints = above.has_joints || (prim.has_value("primvars:skel:jointIndices") &&
-                                            prim.has_value("primvars:skel:jointWeights"));
+    above.has_joints = above.has_joints ||
+                       (prim.has_value("primvars:skel:jointIndices") && prim.has_value("primvars:skel:jointWeights"));
     const bool has_shapes = prim.has_value("skel:blendShapes") && prim.has_targets("skel:blendShapeTargets");
     const bool is_drawn = above.purpose.IsEmpty() || above.purpose == "default" || above.purpose == "render";
     if (prim.is_a("UsdGeomGprim") && is_drawn) {

@@ -34,8 +34,9 @@ public:
 
     // Call a function with the layer, the path there and the time offset of each spec of a property, strongest first, until it
     // returns true.
-    void visit_specs(const std::string &property, const std::function<bool(const SdfLayerHandle &, const SdfPath &,
-                                                                           const SdfLayerOffset &)> &visit) const;
+    void visit_specs(
+        const std::string &property,
+        const std::function<bool(const SdfLayerHandle &, const SdfPath &, const SdfLayerOffset &)> &visit) const;
 
 private:
     const PcpPrimIndex &index_;
@@ -53,8 +54,8 @@ struct ScenePrim {
 // The prims of a scene.
 class Composition {
 public:
-    // Compose the stage of a layer, without the layers of `muted`.
-    Composition(const SdfLayerRefPtr &root, const std::vector<std::string> &muted);
+    // Compose the stage of a layer.
+    explicit Composition(const SdfLayerRefPtr &root);
 
     // Return the prims that may be shapes, in order.
     const std::vector<ScenePrim> &shapes() const { return shapes_; }

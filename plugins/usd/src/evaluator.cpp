@@ -61,9 +61,9 @@ VtVec3fArray as_vec3f(const std::vector<char> &rows) {
 std::string direction_role(const Field &field) {
     const std::string role = role_of(field.name);
     if (field.columns != 3 || field.type.kind != 'f') return "";
-    return role == "vector" || role == "normal"                                ? role
+    return role == "vector" || role == "normal"                          ? role
            : field.name == "velocities" || field.name == "accelerations" ? "vector"
-                                                                               : "";
+                                                                         : "";
 }
 
 // Interpolate rows of a time [s] and a matrix, number by number.
@@ -169,9 +169,10 @@ VtValue Evaluator::value(const Series &series, double code) const {
     const Quantity quantity = series.quantity == Quantity::extent ? Quantity::points : series.quantity;
     VtVec3fArray found = *vectors(quantity, *run, index, object, time);
     if (series.in_scene && series.in_scene->placement) {
-        found = quantity == Quantity::velocities && !series.in_scene->placement->is_constant()
-                    ? velocities_in_own_space(series, code, found, *vectors(Quantity::points, *run, index, object, time))
-                    : in_own_space(series, code, found, quantity);
+        found =
+            quantity == Quantity::velocities && !series.in_scene->placement->is_constant()
+                ? velocities_in_own_space(series, code, found, *vectors(Quantity::points, *run, index, object, time))
+                : in_own_space(series, code, found, quantity);
     }
     if (series.quantity == Quantity::extent) return VtValue(extent_of(found));
     if (shape->gather.empty() || (series.in_scene && !series.in_scene->is_gathered)) return VtValue(found);
@@ -213,7 +214,8 @@ VtVec3fArray Evaluator::velocities_in_own_space(const Series &series, double cod
     const GfMatrix4d own = placement.inverse(code);
     for (std::size_t i = 0; i < found.size(); ++i) {
         const GfVec3d point = own.TransformAffine(GfVec3d(points[i]));
-        found[i] = GfVec3f(own.TransformDir(GfVec3d(found[i]) - slope.TransformDir(point) - slope.ExtractTranslation()));
+        found[i] =
+            GfVec3f(own.TransformDir(GfVec3d(found[i]) - slope.TransformDir(point) - slope.ExtractTranslation()));
     }
     return found;
 }

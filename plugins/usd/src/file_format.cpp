@@ -59,7 +59,8 @@ public:
             const auto clip = std::make_shared<Clip>(path, bytes_argument(arguments, "memory", 0), cache - of_values);
             if (const auto name = arguments.find(layer_argument); name != arguments.end()) {
                 const auto carrier = clip->carrier();
-                if (!carrier || !carrier->is_usd()) throw Failure("the file has no scene of USD with a layer of this name");
+                if (!carrier || !carrier->is_usd())
+                    throw Failure("the file has no scene of USD with a layer of this name");
                 show(layer, TfCreateRefPtr(new SdfData), *open_scene_layer(*clip, *carrier, name->second, arguments));
             } else if (!shows_scene(arguments) || !show_scene(layer, clip, fps, of_values, arguments)) {
                 const auto evaluator = std::make_shared<const Evaluator>(clip, fps, of_values);

@@ -23,9 +23,7 @@ template <class Type> std::optional<VtValue> between(const VtValue &low, const V
 
 VtValue interpolated(const VtValue &low, const VtValue &high, double share) {
     std::optional<VtValue> found;
-    const auto attempt = [&]<class... Types>() {
-        ((found = found ? found : between<Types>(low, high, share)), ...);
-    };
+    const auto attempt = [&]<class... Types>() { ((found = found ? found : between<Types>(low, high, share)), ...); };
     attempt.operator()<GfMatrix4d, GfVec3d, GfVec3f, GfVec3h, double, float, GfHalf, GfQuatd, GfQuatf, GfQuath>();
     return found.value_or(low);
 }

@@ -9,19 +9,23 @@ namespace pdeanim_usd {
 namespace {
 
 // Shapes that have sizes instead of points.
-const std::vector<std::string> implicit_types{"UsdGeomCube",    "UsdGeomSphere",     "UsdGeomCylinder", "UsdGeomCone",
-                                              "UsdGeomCapsule", "UsdGeomCylinder_1", "UsdGeomCapsule_1", "UsdGeomPlane"};
+const std::vector<std::string> implicit_types{"UsdGeomCube",      "UsdGeomSphere",  "UsdGeomCylinder",
+                                              "UsdGeomCone",      "UsdGeomCapsule", "UsdGeomCylinder_1",
+                                              "UsdGeomCapsule_1", "UsdGeomPlane"};
 
 // Time codes a second by USD's rules.
 constexpr double usd_rate = 24;
 
 const TfToken interpolation_field("interpolation"), schemas_field("apiSchemas");
 
+using SceneLayers = std::map<std::string, SdfLayerRefPtr>;  // by name
+
 // Writes the motion over the prims of a scene, as stronger opinions in its root layer.
 class Over {
 public:
-    Over(const Evaluator &evaluator, const Carrier &carrier, const SdfLayerRefPtr &layer, const Composition &composition)
-        : evaluator_(evaluator), carrier_(carrier), layer_(layer), run_(evaluator.clip().run(0)) {
+    Over(const Evaluator &evaluator, const Carrier &carrier, const SdfLayerRefPtr &layer, const SceneLayers &layers,
+         const Composition &composition)
+        : evaluator_(evaluator), carrier_(carrier), layer_(layer), layers_(layers), run_(evaluator.clip().run(0)) {
         std::map<std::string, std::vector<const ScenePrim *>> prims;
         for (const ScenePrim &one : composition.shapes()) prims[one.name].push_back(&one);
         std::map<std::string, std::size_t> next;
@@ -69,7 +73,8 @@ private:
         if (prim.has_value(name)) set(prim, name, SdfSchema::GetInstance().FindType(type), VtValue(SdfValueBlock()));
     }
 
-    SdfPath vary(const Prim &prim, const std::string &name, const SdfValueTypeName &type, Quantity quantity, int shape) {
+    SdfPath vary(const Prim &prim, const std::string &name, const SdfValueTypeName &type, Quantity quantity,
+                 int shape) {
         const SdfPath path = cleared(prim, name, type);
         series_.push_back({path, {quantity, shape, name, VtValue(VtVec3fArray()), codes_, in_scene_}});
         return path;
@@ -84,7 +89,8 @@ private:
         const VtIntArray own_faces(shape.face_indices.begin(), shape.face_indices.end());
         const Varying stored_faces = prim.attribute("faceVertexIndices");
         InScene in_scene{match.placement, prim.is_a("UsdGeomBasisCurves") && !shape.gather.empty(), false};
-        if (!is_implicit && !stored_faces.values.empty()) in_scene.is_turned = stored_faces.values[0] != VtValue(own_faces);
+        if (!is_implicit && !stored_faces.values.empty())
+            in_scene.is_turned = stored_faces.values[0] != VtValue(own_faces);
         in_scene_ = std::make_shared<const InScene>(in_scene);
         if (is_implicit) {
             layer_->SetField(SdfCreatePrimInLayer(layer_, prim.path())->GetPath(), SdfFieldKeys->TypeName,
@@ -96,10 +102,12 @@ private:
         } else {
             const std::size_t points = in_scene.is_gathered ? shape.gather.size() : shape.vertex_count;
             const Varying stored = prim.attribute("points");
-            if (stored.values.empty() || stored.values[0].GetArraySize() != points) {
+            if (stored.values.empty() || !stored.values[0].IsHolding<VtVec3fArray>() ||
+                stored.values[0].GetArraySize() != points) {
                 throw Failure("the mesh '" + shape.key.name + "' of the scene has another number of points");
             }
         }
+        if (match.placement) match.placement->inverse(codes_->front());
         if (match.is_deformed) stop_deforming(prim);
         vary(prim, "points", types.Point3fArray, Quantity::points, number);
         vary(prim, "extent", types.Float3Array, Quantity::extent, number);
@@ -162,30 +170,29 @@ private:
             if (one.object == number) cuts[{one.file, one.attribute}].push_back(&one);
         }
         for (const auto &[place, samples] : cuts) {
-            const std::string name = place.second.GetName();
-            prim.visit_specs(name, [&](const SdfLayerHandle &layer, const SdfPath &path, const SdfLayerOffset &offset) {
-                if (place == std::pair(file_of(layer), path)) write_field(number, prim, layer, path, offset, samples);
-                return place.first == file_of(layer) && place.second == path;
+            const auto layer = layers_.find(place.first);
+            if (layer == layers_.end()) continue;
+            const SdfPath &path = place.second;
+            prim.visit_specs(path.GetName(), [&](const auto &one, const SdfPath &there, const SdfLayerOffset &offset) {
+                const bool is_it = get_pointer(one) == get_pointer(layer->second) && there == path;
+                if (is_it) write_field(number, prim, place.first, path, offset, samples);
+                return is_it;
             });
         }
     }
 
-    std::string file_of(const SdfLayerHandle &layer) const {
-        const auto arguments = layer->GetFileFormatArguments();
-        const auto found = arguments.find(layer_argument);
-        return found == arguments.end() ? carrier_.root() : found->second;
-    }
-
-    void write_field(int number, const Prim &prim, const SdfLayerHandle &layer, const SdfPath &from,
+    void write_field(int number, const Prim &prim, const std::string &file, const SdfPath &from,
                      const SdfLayerOffset &offset, const std::vector<const CutSample *> &samples) {
+        const SdfLayerRefPtr &layer = layers_.at(file);
         const Field *field = evaluator_.field(*run_, 0, number, samples[0]->field);
         if (!field) throw Failure("the scene needs the field '" + samples[0]->field + "', which the file lacks");
         const TfToken type = layer->GetFieldAs<TfToken>(from, SdfFieldKeys->TypeName);
         const SdfValueTypeName type_name = SdfSchema::GetInstance().FindType(type);
         const std::string name = from.GetName();
         const SdfPath path = prim.path().AppendProperty(TfToken(name));
-        if (layer != layer_ || path != from) {
-            if (!layer_->HasSpec(path)) SdfAttributeSpec::New(SdfCreatePrimInLayer(layer_, prim.path()), name, type_name);
+        if (file != carrier_.root() || path != from) {
+            if (!layer_->HasSpec(path))
+                SdfAttributeSpec::New(SdfCreatePrimInLayer(layer_, prim.path()), name, type_name);
             for (const double code : layer->ListTimeSamplesForPath(from)) {
                 VtValue value;
                 if (layer->QueryTimeSample(from, code, &value)) layer_->SetTimeSample(path, offset * code, value);
@@ -229,6 +236,7 @@ private:
     const Evaluator &evaluator_;
     const Carrier &carrier_;
     SdfLayerRefPtr layer_;
+    const SceneLayers &layers_;
     std::shared_ptr<const Run> run_;
     std::vector<const ScenePrim *> matches_;
     std::shared_ptr<const std::vector<double>> codes_;
@@ -237,30 +245,46 @@ private:
 };
 
 double rate_of(const SdfLayerRefPtr &layer) {
-    const double found = layer->HasTimeCodesPerSecond()   ? layer->GetTimeCodesPerSecond()
-                         : layer->HasFramesPerSecond() ? layer->GetFramesPerSecond()
-                                                       : usd_rate;
+    const double found = layer->HasTimeCodesPerSecond() ? layer->GetTimeCodesPerSecond()
+                         : layer->HasFramesPerSecond()  ? layer->GetFramesPerSecond()
+                                                        : usd_rate;
     if (!(found > 0 && found < 1e9)) throw Failure("the scene has a rate that is no positive number");
     return found;
 }
 
-// Return the layers that the layers of a scene name and that are not in it: composing them would read other files.
-std::vector<std::string> outside_layers(const Clip &clip, const SdfLayerRefPtr &root) {
-    std::vector<std::string> found;
-    std::set<std::string> seen;
-    std::vector<SdfLayerRefPtr> left{root};
-    while (!left.empty()) {
-        const SdfLayerRefPtr layer = left.back();
-        left.pop_back();
-        for (const std::string &name : layer->GetCompositionAssetDependencies()) {
-            if (TfStringStartsWith(name, "`")) throw Failure("the scene names its files by expressions");
-            const std::string place = layer->ComputeAbsolutePath(name);
-            if (!seen.insert(place).second) continue;
-            if (!TfStringStartsWith(name, clip.path() + ":") && !TfStringStartsWith(name, clip.path() + "[")) {
-                found.push_back(place);
-            } else if (const SdfLayerRefPtr below = SdfLayer::FindOrOpen(name)) {
-                left.push_back(below);
+// Return copies of the layers of a scene by their names, which refer to each other and to no other file: composing the layers
+// themselves would read those, and wait for those that other threads open.
+SceneLayers isolated_layers(const Clip &clip, const Carrier &carrier, const SdfLayerRefPtr &root,
+                            const SdfFileFormat::FileFormatArguments &arguments) {
+    SceneLayers found;
+    std::vector<std::string> left;
+    const auto add = [&](const std::string &name, const SdfLayerRefPtr &from) {
+        found[name] = SdfLayer::CreateAnonymous();
+        found[name]->TransferContent(from);
+        left.push_back(name);
+    };
+    const auto name_of = [&](const std::string &identifier) {
+        std::string file;
+        SdfFileFormat::FileFormatArguments own;
+        const bool is_own = SdfLayer::SplitIdentifier(identifier, &file, &own) && file == clip.path();
+        return is_own ? own[layer_argument] : "";
+    };
+    add(carrier.root(), root);
+    for (std::size_t i = 0; i < left.size(); ++i) {
+        for (const std::string &one : found[left[i]]->GetCompositionAssetDependencies()) {
+            const std::string name = name_of(one);
+            if (name.empty() || found.contains(name)) continue;
+            try {
+                add(name, open_scene_layer(clip, carrier, name, arguments));
+            } catch (const Failure &) {
+                // Programs that compose the stage report layers that cannot be opened.
             }
+        }
+    }
+    for (const auto &[name, layer] : found) {
+        for (const std::string &one : layer->GetCompositionAssetDependencies()) {
+            const auto other = found.find(name_of(one));
+            layer->UpdateCompositionAssetDependency(one, other == found.end() ? "" : other->second->GetIdentifier());
         }
     }
     return found;
@@ -273,9 +297,10 @@ SceneLayer scene_layer_of(std::shared_ptr<const Clip> clip, const Carrier &carri
     if (clip->run_count() > 1) throw Failure("the scene (section SCEN) is of a file whose faces do not change");
     const SdfLayerRefPtr root = open_scene_layer(*clip, carrier, carrier.root(), arguments);
     const auto evaluator = std::make_shared<const Evaluator>(clip, fps, max_kept, rate_of(root));
-    const Composition composition(root, outside_layers(*clip, root));
+    const SceneLayers layers = isolated_layers(*clip, carrier, root, arguments);
+    const Composition composition(layers.at(carrier.root()));
     const SdfChangeBlock block;
-    return {root, evaluator, Over(*evaluator, carrier, root, composition).write()};
+    return {root, evaluator, Over(*evaluator, carrier, root, layers, composition).write()};
 }
 
 }  // namespace pdeanim_usd

@@ -22,7 +22,8 @@ public:
             layer->UpdateCompositionAssetDependency(name, renamed(name));
         }
         layer->Traverse(SdfPath::AbsoluteRootPath(), [&](const SdfPath &path) {
-            const bool is_asset = TfStringStartsWith(layer->GetFieldAs<TfToken>(path, SdfFieldKeys->TypeName).GetString(), "asset");
+            const bool is_asset =
+                TfStringStartsWith(layer->GetFieldAs<TfToken>(path, SdfFieldKeys->TypeName).GetString(), "asset");
             for (const TfToken &field : layer->ListFields(path)) {
                 if (field == SdfFieldKeys->TimeSamples) continue;
                 VtValue value = layer->GetField(path, field);
@@ -30,7 +31,8 @@ public:
             }
             for (const double code : is_asset ? layer->ListTimeSamplesForPath(path) : std::set<double>()) {
                 VtValue value;
-                if (layer->QueryTimeSample(path, code, &value) && rewrite(value)) layer->SetTimeSample(path, code, value);
+                if (layer->QueryTimeSample(path, code, &value) && rewrite(value))
+                    layer->SetTimeSample(path, code, value);
             }
         });
     }
@@ -105,7 +107,8 @@ VtValue array_of(pdeanim_animation *animation, const CutArray &cut) {
         return type->make(rows_in_order(rows, type->row_bytes, reversed_corners(sizes)).data(), count);
     };
     if (cut.array == "faceVertexCounts") return array_type("", whole, 1)->make(object.face_sizes, object.face_count);
-    if (cut.array == "faceVertexIndices") return made(array_type("", whole, 1), object.face_indices, object.corner_count);
+    if (cut.array == "faceVertexIndices")
+        return made(array_type("", whole, 1), object.face_indices, object.corner_count);
     std::int64_t count;
     check(pdeanim_attribute_count(animation, cut.object, &count, &error), error);
     for (std::int64_t i = 0; i < count; ++i) {
@@ -126,12 +129,12 @@ SdfLayerRefPtr open_scene_layer(const Clip &clip, const Carrier &carrier, const 
                                 SdfFileFormat::FileFormatArguments arguments) {
     if (!carrier.has(name)) throw Failure("the scene (section SCEN) has no layer '" + name + "'");
     const std::string place = ArJoinPackageRelativePath(clip.path(), name);
-    TfErrorMark errors;
+    // USD's errors are in the thread's list until they are taken out. Its functions for single errors, which the headers hold,
+    // need the very TBB that USD is built with.
+    const TfErrorMark errors;
     const SdfLayerRefPtr layer = SdfLayer::OpenAsAnonymous(place);
-    if (!layer || !errors.IsClean()) {
-        std::string reason = errors.IsClean() ? "" : ": " + errors.begin()->GetCommentary();
-        errors.Clear();
-        throw Failure("the layer '" + name + "' of the scene (section SCEN) is damaged" + reason);
+    if (!errors.Transport().IsEmpty() || !layer) {
+        throw Failure("the layer '" + name + "' of the scene (section SCEN) is damaged");
     }
     const SdfChangeBlock block;
     const std::shared_ptr<const Run> run = clip.run(0);

@@ -175,8 +175,7 @@ private:
         } else {
             return;
         }
-        shape_.normals =
-            std::make_shared<NormalRows>(object_.vertex_count, sizes, shape_.face_indices, keys, shared);
+        shape_.normals = std::make_shared<NormalRows>(object_.vertex_count, sizes, shape_.face_indices, keys, shared);
         // Programs compute the normals of subdivision surfaces.
         shape_.shows_normals = shape_.key.subdivision.empty();
         if (shape_.shows_normals && (changes_ || !shape_.normals->is_smooth())) {

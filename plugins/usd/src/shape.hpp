@@ -47,7 +47,7 @@ struct Shape {
     std::span<const std::int32_t> face_sizes, face_indices;  // of the open animation
     std::shared_ptr<const NormalRows> normals;               // may be NULL
     bool shows_normals = false;                              // outside of scenes
-    std::vector<double> transform;              // rows of a time [s] and a matrix
+    std::vector<double> transform;                           // rows of a time [s] and a matrix
 };
 
 // A field of a run, and the rows that each object has.

@@ -10,10 +10,11 @@
 #include <pxr/base/gf/rotation.h>
 #include <pxr/base/js/json.h>
 #include <pxr/base/tf/diagnostic.h>
-#include <pxr/base/tf/errorMark.h>
 #include <pxr/base/tf/envSetting.h>
-#include <pxr/base/tf/registryManager.h>
+#include <pxr/base/tf/errorMark.h>
+#include <pxr/base/tf/errorTransport.h>
 #include <pxr/base/tf/pathUtils.h>
+#include <pxr/base/tf/registryManager.h>
 #include <pxr/base/tf/stringUtils.h>
 #include <pxr/base/tf/type.h>
 #include <pxr/base/vt/array.h>
@@ -68,6 +69,7 @@
 #include <pxr/tf/diagnostic.h>
 #include <pxr/tf/envSetting.h>
 #include <pxr/tf/errorMark.h>
+#include <pxr/tf/errorTransport.h>
 #include <pxr/tf/pathUtils.h>
 #include <pxr/tf/registryManager.h>
 #include <pxr/tf/stringUtils.h>
