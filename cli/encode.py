@@ -129,7 +129,7 @@ this large for the file to grow linearly from there on: the first few frames pre
     callback=parse_fields,
     metavar="NAME=X",
     help="Largest error of one field: NAME=1e-4 of its range, NAME='0.5 units' of the field, NAME=exact, or NAME=drop "
-    "to leave it out. Repeatable.",
+    "to leave it out (UVs and colours stay as in the first frame). Repeatable.",
 )
 @click.option(
     "--order",

@@ -25,9 +25,9 @@ from pdecodec.formats.base.attribute_roles import (
     reversed_corners,
     unique_name,
 )
-from pdecodec.formats.base.looks import SharedRows
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field
+from pdecodec.mesh.looks import SharedRows
 from pdecodec.mesh.sequence import Connectivity
 
 _ROLE_KINDS = {

@@ -35,6 +35,8 @@ from numpy.typing import NDArray
 
 from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field
+from pdecodec.mesh.looks import COLOR as COLOR
+from pdecodec.mesh.looks import UV as UV
 from pdecodec.mesh.sequence import Attribute, AttributeDomain, Connectivity, MeshObject, MeshSequence
 
 SPACE = 3
@@ -43,7 +45,7 @@ SPACE = 3
 MAX_EXACT_DOUBLE = 2**53
 """Whole numbers up to this one are exact as float64."""
 
-UV, COLOR, GROUP, MATERIAL, ID, POINT = "uv", "color", "group", "material", "id", "point"
+GROUP, MATERIAL, ID, POINT = "group", "material", "id", "point"
 SUBDIVISION, CURVE_BASIS, CURVE_WRAP = "subdivision", "curve_basis", "curve_wrap"
 
 VELOCITIES, ACCELERATIONS, VECTOR, NORMAL = "velocities", "accelerations", "vector", "normal"

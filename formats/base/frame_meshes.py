@@ -19,7 +19,7 @@ from pdecodec.formats.base.frame_data import DataKey, StoredData, fields_of_fram
 from pdecodec.formats.base.frame_files import find_frames
 from pdecodec.formats.base.frame_looks import ChangingLooks, looks_of_frame
 from pdecodec.formats.base.kept_frames import KeptData, KeptPositions, Positions
-from pdecodec.formats.base.stored_normals import Pose, spread, with_shared
+from pdecodec.formats.base.stored_normals import Pose, spread, turned_in_pose, turned_notices, with_shared
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.fields import Field, rows_of_domain
@@ -218,6 +218,9 @@ class FrameSequence(MeshSequence):
         self.times, self.fps, self.notices = timing
         item = MeshObject("mesh", mesh.connectivity, constant)
         self.objects = (item if mesh.normals is None else with_shared(item, self._poses(mesh)),)
+        if mesh.normals is not None:
+            turned = turned_in_pose(self.objects[0], (mesh.points, mesh.normals_of_corners))
+            self.notices = (*self.notices, *turned_notices([turned]))
         self.metadata = {}
         self._keys = meshes.fields(first, self.times.size)
         self.fields = tuple(one for _, one in self._keys.values())

@@ -222,6 +222,13 @@ def turned_normals(item: MeshObject, points: NDArray[Any], of_corners: NDArray[n
     return angles
 
 
+def turned_in_pose(item: MeshObject, pose: Pose) -> Float64Array:
+    """Return :func:`turned_normals` of a pose; none if it stores no normals."""
+    points, read = pose
+    stored = read()
+    return np.zeros(0) if stored is None else turned_normals(item, points, stored)
+
+
 def spread(times: Sequence[Time]) -> list[Time]:
     """Return some of the times after the first one, spread evenly, with the last one: those of `later` poses."""
     chosen = np.unique(np.linspace(0, len(times) - 1, MAX_POSES).astype(int)).tolist() if times else []

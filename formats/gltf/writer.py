@@ -24,7 +24,6 @@ from pdecodec.codec.stored_choices import bound_of
 from pdecodec.errors import InputError, Notice
 from pdecodec.formats.base.attribute_roles import left_out, uv_sets, vertex_slices
 from pdecodec.formats.base.frame_changes import not_kept
-from pdecodec.formats.base.looks import limited_colors, looks_of, objects_at
 from pdecodec.formats.base.normals import normal_rows, smooth_rows
 from pdecodec.formats.base.registry import Output, frames_at_once
 from pdecodec.formats.base.rigid_motion import rigid_notices
@@ -43,6 +42,7 @@ from pdecodec.formats.gltf.rigid_keys import RigidKeys, reach_of, rigid_keys
 from pdecodec.formats.gltf.rigid_objects import Mover, RigidObject, place_of, rigid_objects, write_skin
 from pdecodec.formats.gltf.types import MESH_MOTION
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Float64Array
+from pdecodec.mesh.looks import limited_colors, looks_of, objects_at
 from pdecodec.mesh.sequence import ArraySequence, MeshObject, MeshSequence
 
 FILAMENT_MAX_TARGETS = 256

@@ -25,13 +25,13 @@ from pdecodec.formats.base.attribute_roles import (
     uv_sets,
 )
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
-from pdecodec.formats.base.looks import limited_colors, look_role, looks_of, objects_at
 from pdecodec.formats.base.normals import VertexNormals
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.written_fields import WrittenFields
 from pdecodec.formats.obj.ply import CHANNELS, FACE_UVS, FIELD_COMMENT, INDICES, POINT_NORMALS, UVS
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 from pdecodec.mesh.fields import Field, FieldDomain
+from pdecodec.mesh.looks import limited_colors, look_role, looks_of, objects_at
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
 
 

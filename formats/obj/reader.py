@@ -31,7 +31,7 @@ from pdecodec.formats.base.frame_files import FrameFiles, find_frames
 from pdecodec.formats.base.frame_meshes import runs_of_frames
 from pdecodec.formats.base.kept_frames import KeptData, KeptPositions
 from pdecodec.formats.base.registry import read_errors
-from pdecodec.formats.base.stored_normals import Pose, spread, with_shared
+from pdecodec.formats.base.stored_normals import Pose, spread, turned_in_pose, turned_notices, with_shared
 from pdecodec.formats.base.times import Timing, timing_of_numbers
 from pdecodec.formats.obj.model import ObjModel
 from pdecodec.formats.obj.text import (
@@ -205,6 +205,8 @@ class ObjSequence(MeshSequence):
                 for item in self.model.objects
             ]
         )
+        turned = [turned_in_pose(item, pose) for item, pose in zip(self.objects, self.model.poses(), strict=True)]
+        self.notices = (*self.notices, *turned_notices(turned))
         self.fields = tuple(_look_fields(self.model.objects, self._looks))
         self._values = KeptData()
 

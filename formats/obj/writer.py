@@ -30,12 +30,12 @@ from pdecodec.formats.base.attribute_roles import (
 from pdecodec.formats.base.frame_changes import not_kept
 from pdecodec.formats.base.frame_files import FOLDER_PADDING, frames_there, is_frame_pattern
 from pdecodec.formats.base.frame_writing import FrameBytes, write_frames
-from pdecodec.formats.base.looks import look_role, looks_of, objects_at, shared_uv_rows
 from pdecodec.formats.base.normals import NormalRows, group_attribute, normal_rows, shared_attribute
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, renamed
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.fields import Field
+from pdecodec.mesh.looks import look_role, looks_of, objects_at, shared_uv_rows
 from pdecodec.mesh.sequence import Attribute, MeshObject, MeshSequence
 
 FACES_AT_ONCE = 2**14

@@ -26,6 +26,7 @@ from pdecodec.codec.run_encoder import encode_runs, make_encoder
 from pdecodec.codec.sections.scene import Carrier, encode_scene
 from pdecodec.codec.settings import DROP, EncodeOptions, EncodeSettings, check_one_target
 from pdecodec.errors import InputError, MissingExtraError, SettingsError
+from pdecodec.mesh.looks import keep_looks_at_rest
 from pdecodec.mesh.rounding import rounding_noticed
 from pdecodec.mesh.runs import ChangingSequence
 from pdecodec.mesh.sequence import ArraySequence, MeshSequence, Progress
@@ -161,6 +162,7 @@ def _encode(
 ) -> EncodeReport:
     """Encode once, at the bound of the settings."""
     check_field_names(settings, sequence.runs)
+    sequence = keep_looks_at_rest(sequence, [name for name, asked in settings.fields.items() if asked == DROP])
     with rounding_noticed() as rounding:
         if isinstance(sequence, ChangingSequence):
             report = encode_runs(sequence, settings, path, scene.sections, overwrite=overwrite, progress=progress)

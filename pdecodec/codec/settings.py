@@ -153,7 +153,7 @@ class EncodeSettings:
         are exact.
     fields : mapping of str to float or str
         For a field by its name: another tolerance, an error in the field's units (``"0.5 units"``), ``"exact"``, or
-        ``"drop"`` to leave it out.
+        ``"drop"`` to leave it out; UVs and colours then stay as in the first frame.
     order : {"keep", "free"}
         Whether to keep the order of vertices, faces and their first corners, or to decode them in an order that takes
         no bytes.

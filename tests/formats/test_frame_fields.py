@@ -10,7 +10,7 @@ import pytest
 
 import pdecodec
 from pdecodec import ArraySequence, Field, MeshObject, MeshSequence, open_sequence, write_sequence
-from pdecodec.formats.base.looks import SharedRows, look_role
+from pdecodec.mesh.looks import SharedRows, look_role
 from pdecodec.mesh.sequence import Attribute
 from tests.support.mesh_cases import connectivity_of
 
@@ -238,3 +238,43 @@ def test_frames_with_fields_go_through_a_coded_file(extension: str, tmp_path: Pa
         for one in clip.fields:
             error = np.abs(looks(again, one.name) - looks(clip, one.name)).max()
             assert error <= 1e-3 * np.ptp(looks(clip, one.name)) + 1e-6
+
+
+@pytest.mark.parametrize("extension", ["glb", "usda", "abc", "####.obj", "####.ply"])
+def test_uvs_and_colours_that_encoding_drops_stay_as_in_the_first_frame(extension: str, tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(3, 4, 3)).astype(np.float32)
+    uvs, colors = np.random.default_rng(1).uniform(size=(3, 4, 2)), np.random.default_rng(2).uniform(size=(3, 4, 3))
+    fields = {"uv": uvs.astype(np.float32), "color": colors.astype(np.float32)}
+    clip = ArraySequence(points, faces=[[0, 1, 2], [2, 1, 3]], fps=24, fields=fields)
+    pdecodec.encode(clip, tmp_path / "a.pdeanim", fields={"uv": "drop", "color": "drop"})
+    with pdecodec.open_animation(tmp_path / "a.pdeanim") as coded:
+        assert not coded.fields
+        assert not any("not kept" in one for one in write_sequence(coded, tmp_path / f"b.{extension}"))
+    with open_sequence(tmp_path / f"b.{extension}") as found:
+        assert not found.fields
+        by_name = {one.name: one for one in found.objects[0].attributes}
+        uv, color = by_name["uv"], by_name["color"]
+        rows = uv.values if uv.indices is None else uv.values[uv.indices]
+        assert np.abs(rows - fields["uv"][0][found.connectivity.face_indices]).max() <= 1e-5
+        assert color.domain == "vertex"
+        scale = 255 if color.values.dtype == np.uint8 else 1
+        assert np.abs(color.values[:, :3] / scale - fields["color"][0]).max() <= 1 / 255
+
+
+@pytest.mark.parametrize("extension", ["obj", "ply"])
+def test_normals_that_the_faces_do_not_give_are_told_of(extension: str, tmp_path: Path) -> None:
+    corners, path = [(0, 0, 0), (1, 0, 0), (0, 1, 0)], tmp_path / f"x.{extension}"
+    if extension == "obj":
+        lines = [*(f"v {x} {y} {z}" for x, y, z in corners), "vn 1 0 1", "f 1//1 2//1 3//1"]
+    else:
+        names = ("x", "y", "z", "nx", "ny", "nz")
+        lines = ["ply", "format ascii 1.0", "element vertex 3", *(f"property float {name}" for name in names)]
+        lines += ["element face 1", "property list uchar int vertex_indices", "end_header"]
+        lines += [*(f"{x} {y} {z} 1 0 1" for x, y, z in corners), "3 0 1 2"]
+    path.write_text("\n".join(lines) + "\n")
+    told = "normals are recomputed from the faces: 3 of 3 corners differ by more than 5 degrees, up to 45"
+    with open_sequence(path) as read:
+        assert told in read.notices
+        write_sequence(read, tmp_path / f"y.{extension}")
+    with open_sequence(tmp_path / f"y.{extension}") as again:
+        assert not any("recomputed" in one for one in again.notices)

@@ -123,7 +123,7 @@ def test_uvs_are_kept_with_their_seams(tmp_path: Path, text: str, values: object
 @pytest.mark.parametrize(
     ("text", "groups"),
     [
-        ("vn 0 0 1\nvn 1 0 0\nf 1//1 2//1 3//1\nf 1//2 3//1 4//2\n", [0, 0, 0, 1, 0, 0]),
+        ("vn 0 0 1\nvn 0 0 1\nf 1//1 2//1 3//1\nf 1//2 3//1 4//2\n", [0, 0, 0, 1, 0, 0]),
         ("vn 0 0 1\n" * 6 + "f 1//1 2//2 3//3\nf 1//4 3//5 4//6\n", [0] * 6),
         ("vn 0 0 1\nf 1//1 2//1 3//1\nf 1 3 4//9\n", [0, 0, 0, 1, 1, 0]),
     ],

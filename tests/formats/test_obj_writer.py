@@ -44,7 +44,7 @@ FILES = {
     "quads, lines and points": "o body\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\nf 1 2 3\nl 1 2 3\np 4\nl 2 4\n",
     "uv seams": f"o a\n{THREE}vt 0 0\nvt .25 1\nvt 3 3\nf 1/1 2/2 3/1\nf 3/3 2/1 1\n",
     "three-number uv": f"o a\n{THREE}vt 0 0 1\nvt .25 1 .125\nf 1/1 2/2 3/1\n",
-    "hard edges": f"o a\n{THREE}v 0 0 1\nvn 1 0 0\nvn 0 1 0\nf 1//1 2//1 3//1\nf 3//2 2//2 4//2\n",
+    "hard edges": f"o a\n{THREE}v 0 0 1\nvn 0 0 1\nvn -.57735 -.57735 -.57735\nf 1//1 2//1 3//1\nf 3//2 2//2 4//2\n",
     "colours": "o a\nv 0 0 0 1 0 .5\nv 1 0 0 0 0 0\n",
     "alpha": "o a\nv 0 0 0 1 0 .5 .25\n",
     "names of faces": f"mtllib m.mtl\no a b\n{THREE}f 1 2 3\ng left arm\nusemtl red\ns 3\n"

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.base.attribute_roles import COLOR, UV
-from pdecodec.mesh.arrays import Int32Array, Int64Array
+from pdecodec.mesh.arrays import Float32Array, Int32Array, Int64Array
 from pdecodec.mesh.fields import Field
+from pdecodec.mesh.runs import DerivedSequence, changed
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject, MeshSequence
+
+UV, COLOR = "uv", "color"
+"""Roles of texture coordinates and colours: names of fields and attributes, or beginnings of names before a colon."""
 
 VISIBLE_DIFFERENCE = 1 / 255
 """Largest difference between colours that no screen shows."""
@@ -58,6 +61,28 @@ def objects_at(
                 added = _attribute(field, rows[own], item.connectivity, with_all_rows=with_all_rows)
                 objects[index] = dataclasses.replace(item, attributes=(*item.attributes, added))
     return tuple(objects)
+
+
+def keep_looks_at_rest(sequence: MeshSequence, dropped: Collection[str]) -> MeshSequence:
+    """Return a sequence in which those of some fields that are UVs or colours are attributes, as in the first frame."""
+
+    def change(run: MeshSequence) -> MeshSequence:
+        looks = [one for one in looks_of(run) if one.name in dropped]
+        return _AtRest(run, looks) if looks else run
+
+    return changed(sequence, change) if dropped else sequence
+
+
+class _AtRest(DerivedSequence):
+    """A sequence with the values of some fields in the first frame as attributes in place of the fields."""
+
+    def __init__(self, source: MeshSequence, looks: Sequence[Field]) -> None:
+        super().__init__(source)
+        self.objects = objects_at(source, 0, looks)
+        self.fields = tuple(one for one in source.fields if one not in looks)
+
+    def read_frames(self, start: int, stop: int) -> Float32Array:
+        return self._source.read_frames(start, stop)
 
 
 def limited_colors(objects: Sequence[MeshObject], looks: Sequence[Field]) -> tuple[tuple[MeshObject, ...], list[str]]:
