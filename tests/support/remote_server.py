@@ -8,9 +8,16 @@ import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
+
+
+@cache
+def _packed(data: bytes) -> bytes:
+    """Return a file's bytes as gzip packs them; servers keep them, too."""
+    return gzip.compress(data, 6)
 
 
 class Server(ThreadingHTTPServer):
@@ -43,7 +50,7 @@ class _Handler(BaseHTTPRequestHandler):
             return
         data = path.read_bytes()
         if self.server.compresses:
-            data = gzip.compress(data, 6)
+            data = _packed(data)
         asked = re.fullmatch(r"bytes=(\d+)-(\d*)", self.headers.get("Range", ""))
         begin, end = 0, len(data)
         if asked and self.server.gives_ranges:
