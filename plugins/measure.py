@@ -31,7 +31,6 @@ OTHER_FILES = {"blender": (".abc", ".usdc"), "paraview": (".pvd", ".xdmf"), "pyv
 
 def blender(path: Path) -> Iterator[Any]:
     """Import a clip, and show frames on its evaluated meshes."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
     import bpy
     import numpy as np
 
@@ -138,6 +137,8 @@ def main(program: str, python: str, clips: list[str]) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1] == "--one":
+        # First, this folder would hide the package paraview, or the checkout an installed pdecodec.
+        sys.path[:] = [*sys.path[1:], str(Path(__file__).resolve().parents[1])]
         measure(sys.argv[2], Path(sys.argv[3]))
     else:
         main(sys.argv[1], sys.argv[2], sys.argv[3:])
