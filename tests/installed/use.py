@@ -30,7 +30,7 @@ def decoded(animation: Any) -> Iterator[Any]:
     times = np.asarray(animation.times)
     between = (times[1:] + times[:-1]) / 2
     yield from (times, animation.positions(times), animation.velocities(times))
-    yield from animation.positions(between[:, None]) if len(between) else ()
+    yield animation.positions(between)
     for mesh in animation.objects:
         yield mesh.name
         yield from (array for array in vars(mesh.connectivity).values() if isinstance(array, np.ndarray))
@@ -55,7 +55,7 @@ def outcome(path: Path) -> str:
             animation.verify()
             return digest(part for run in animation.runs for part in decoded(run))
     except pdecodec.PdecodecError as error:
-        return f"{type(error).__name__} {error.code} {error.exit_code}"
+        return f"{type(error).__name__} {error.code} exit {error.exit_code}"
 
 
 def clip(frames: int, rows: int, columns: int) -> np.ndarray:
@@ -85,10 +85,10 @@ def written(folder: Path) -> Iterator[tuple[str, Path]]:
         yield path.stem, path
     pdecodec.encode(sheet, folder / "paper.pdeanim", pdecodec.EncodeSettings(profile="paper"))
     yield "paper", folder / "paper.pdeanim"
-    cloth, encoded, copy = (str(folder / name) for name in ("cloth.obj", "cloth.pdeanim", "copy.npz"))
+    cloth, encoded, copy = (str(folder / name) for name in ("cloth.####.obj", "cloth.pdeanim", "copy.npz"))
     commands: list[list[str]] = [
-        ["simulate", "cloth", "-o", cloth.replace("cloth.", "cloth.####."), "--frames", "6"],
-        ["encode", cloth.replace("cloth.", "cloth.####."), "-o", encoded],
+        ["simulate", "cloth", "-o", cloth, "--frames", "6", "--columns", "16", "--rows", "12"],
+        ["encode", cloth, "-o", encoded],
         ["info", encoded, "--json"],
         ["check", encoded],
         ["decode", encoded, "-o", copy],
@@ -114,6 +114,9 @@ def main(manifest: Path, folder: Path) -> None:
         for name, vector in vectors[kind].items():
             path.write_bytes(base64.b64decode(vector["data"]))
             outcomes[kind][name] = outcome(path)
+            code = outcomes[kind][name].partition(" exit ")[2]
+            if code != str(vector.get("exit_code", "")):
+                sys.exit(f"{kind} {name}: {outcomes[kind][name]}")
     files = dict(written(folder))
     outcomes["encoded"] = {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
     outcomes["decoded"] = {name: outcome(file) for name, file in files.items()}

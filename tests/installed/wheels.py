@@ -121,13 +121,8 @@ def main(folder: Path, named: list[str]) -> None:
                 sys.exit(f"{shlex.join(command)} used {found['package']}")
             faults = differences(found, expected)
             failed |= bool(faults)
-            print(
-                SUMMARY.format(python=found["python"], **counts),
-                wheel.name,
-                "SAME BITS" if not faults else "",
-                sep=", ",
-            )
-            print(*faults, sep="\n", end="\n" if faults else "", flush=True)
+            summary = SUMMARY.format(python=found["python"], **counts)
+            print(f"{wheel.name}, {summary}: {'OTHER BITS' if faults else 'same bits'}", *faults, sep="\n", flush=True)
     sys.exit(failed)
 
 
