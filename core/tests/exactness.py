@@ -4,7 +4,8 @@
 
 Each build decodes every vector of the specification. Exact data (bits and their probabilities, connectivity,
 integers, attributes, times, errors) must be the same in all builds and in the manifest; positions must agree within
-the margin.
+the margin. Builds for other systems also run the programs that misuse the C interface, damage files and share them by
+threads, without sanitizers.
 """
 
 from __future__ import annotations
@@ -59,6 +60,10 @@ class Build:
         names = {"windows": "Windows", "macos": "Darwin", "linux": "Linux"}
         return next((names[part] for part in self.target.split("-") if part in names), "")
 
+    @property
+    def suffix(self) -> str:
+        return ".exe" if self.system == "Windows" else ""
+
 
 CLANG_NAMES = ("clang++", *(f"clang++-{version}" for version in range(25, 13, -1)))
 
@@ -93,32 +98,51 @@ def decoded(build: Build) -> Path:
     folder = ROOT / "build" / "exactness" / build.name
     options = {
         "CMAKE_CXX_COMPILER": build.compiler,
+        "CMAKE_C_FLAGS": build.flags,
         "CMAKE_CXX_FLAGS": build.flags,
         "CMAKE_BUILD_TYPE": "None",
         "CMAKE_EXE_LINKER_FLAGS": "-static" if build.static else "",
         "PDEANIM_CONTRACT": build.contract,
-        "PDEANIM_EXACTNESS": "ON",
         "PDEANIM_LIBRARY": "OFF",
     }
     if build.target:
         options |= {"CMAKE_SYSTEM_NAME": build.system, **zig_programs(folder, build.target)}
-    settings = [f"-D{name}={value}" for name, value in options.items()]
-    run("cmake", "-S", ROOT / "core", "-B", folder, *settings)
-    run("cmake", "--build", folder, "--parallel", str(os.cpu_count()), "--target", "exactness")
+        test_interface(build, options)
+    compile_core(folder, options | {"PDEANIM_EXACTNESS": "ON"}, "exactness")
     out = folder / "out"
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir()
     if not build.runs:
         return out
     files = [*accepted_files().values(), *write_vectors(folder / "refused", "reject").values()]
-    run(*build.runner, folder / f"exactness{'.exe' * (build.system == 'Windows')}", out, *files)
+    run(*build.runner, folder / f"exactness{build.suffix}", out, *files)
     return out
+
+
+def test_interface(build: Build, options: dict[str, str]) -> None:
+    """Compile the programs that test the C interface, and run them over the vectors if the build runs here."""
+    folder = ROOT / "build" / "exactness" / build.name / "interface"
+    vectors = accepted_files()
+    files: dict[str, list[str | Path]] = {
+        "misuse": [vectors[name] for name in ("polygons_attributes", "runs", "fields")],
+        "mutants": ["2000", *vectors.values()],
+        "races": ["300", *(vectors[name] for name in ("groups", "polygons_attributes", "raw_vertices", "runs"))],
+    }
+    compile_core(folder, options | {"PDEANIM_SANITIZE": "ON", "PDEANIM_SANITIZERS": ""}, *files)
+    for program, arguments in files.items() if build.runs else ():
+        run(*build.runner, folder / f"{program}{build.suffix}", *arguments)
+
+
+def compile_core(folder: Path, options: dict[str, str], *targets: str) -> None:
+    run("cmake", "-S", ROOT / "core", "-B", folder, *(f"-D{name}={value}" for name, value in options.items()))
+    run("cmake", "--build", folder, "--parallel", str(os.cpu_count()), "--target", *targets)
 
 
 def zig_programs(folder: Path, target: str) -> dict[str, str]:
     """Write scripts that run Zig's compiler and archiver for a target, and return what CMake calls each."""
     folder.mkdir(parents=True, exist_ok=True)
-    commands = {"CMAKE_CXX_COMPILER": f"c++ -target {target}", "CMAKE_AR": "ar", "CMAKE_RANLIB": "ranlib"}
+    compilers = {"CMAKE_C_COMPILER": f"cc -target {target}", "CMAKE_CXX_COMPILER": f"c++ -target {target}"}
+    commands = compilers | {"CMAKE_AR": "ar", "CMAKE_RANLIB": "ranlib"}
     for name, command in commands.items():
         script = folder / name
         script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n', "utf-8")
