@@ -23,6 +23,8 @@ from tests.support.browser_tools import assert_valid
 from tests.support.mesh_cases import grid
 from tests.support.scene_cases import SPACE
 
+codec = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
+
 SETTINGS = EncodeSettings(tolerance=1e-3, effort="fast")
 
 CUBE = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
@@ -37,7 +39,6 @@ def unit_vectors(width: int) -> Float32Array:
 
 @pytest.mark.parametrize("name", ["EXPONENTIAL", "OCTAHEDRAL", "QUATERNION"])
 def test_filters_give_what_meshoptimizer_decodes(name: str) -> None:
-    codec = pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     found: NDArray[np.floating]
     if name == "EXPONENTIAL":
         source = 7 * unit_vectors(3)
@@ -95,7 +96,6 @@ def cube_sheet_and_ball() -> ArraySequence:
 
 
 def test_hard_edges_need_neither_normals_nor_further_rows_and_smooth_ones_do(tmp_path: Path) -> None:
-    pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     clip, path = cube_sheet_and_ball(), tmp_path / "a.glb"
     notices = write_sequence(clip, path, motion=SETTINGS, web=True)
     file = read_gltf(path)
@@ -117,7 +117,6 @@ def test_hard_edges_need_neither_normals_nor_further_rows_and_smooth_ones_do(tmp
 
 
 def test_flat_faces_of_a_mesh_that_is_smooth_elsewhere_are_drawn_apart(tmp_path: Path) -> None:
-    pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     # 40 cubes and a smooth ball are one object.
     angles, source = np.linspace(0, 1, 12), cube_sheet_and_ball()
     ball = source.objects[2].connectivity
@@ -142,7 +141,6 @@ def test_flat_faces_of_a_mesh_that_is_smooth_elsewhere_are_drawn_apart(tmp_path:
 
 
 def test_rows_of_a_kind_share_a_view_and_no_order_is_stored(tmp_path: Path) -> None:
-    pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     path = tmp_path / "a.glb"
     write_sequence(cube_sheet_and_ball(), path, motion=SETTINGS, web=True)
     whole = unpacked(path)
@@ -159,7 +157,6 @@ def test_rows_of_a_kind_share_a_view_and_no_order_is_stored(tmp_path: Path) -> N
 
 
 def test_primitives_that_share_no_rows_have_attributes_of_their_own(tmp_path: Path) -> None:
-    pytest.importorskip("meshoptimizer", reason="meshoptimizer is not installed here")
     sheet = grid(4, 4)
     part = Connectivity(
         32, np.tile(sheet.face_counts, 2), np.concatenate([sheet.face_indices, sheet.face_indices + 16])
