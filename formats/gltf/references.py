@@ -35,8 +35,9 @@ def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[
     """
     for animation in root.get("animations", ()):
         _keep(animation, "samplers", [(one, "sampler") for one in animation["channels"]], 0)
-    fixed = 1 + max(_numbers_of_unknown(root), default=-1)
     accessors = root.get("accessors", [])
+    most = max(len(accessors), len(root.get("bufferViews", ())))
+    fixed = 1 + max((one for one in _numbers_of_unknown(root) if one < most), default=-1)
     sites = list(_accessor_sites(root))
     used = {owner[key] for owner, key in sites} | set(range(fixed))
     shared = _partly_used(file, accessors, used, fixed)
@@ -54,19 +55,24 @@ def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[
             accessors[index].pop("max", None)
     _keep(root, "accessors", sites, fixed)
     _keep(root, "bufferViews", list(_view_sites(root)), fixed)
+    for kind in ("accessors", "bufferViews"):
+        if not root.get(kind, True):
+            del root[kind]
 
 
 def _keep(owner: dict[str, Any], kind: str, sites: list[Site], fixed: int) -> None:
-    """Keep those entries of a list that are before `fixed`, or referred to, and number them anew."""
+    """Keep those entries of a list that are before `fixed`, or referred to, and number them anew.
+
+    Numbers of missing entries, which nothing needed so far, stay.
+    """
     entries = owner.get(kind, [])
+    sites = [(one, key) for one, key in sites if one.get(key, len(entries)) < len(entries)]
     kept = sorted({one[key] for one, key in sites} | set(range(min(fixed, len(entries)))))
     number = {index: place for place, index in enumerate(kept)}
     # Primitives may share objects.
     for one, key in {(id(one), key): (one, key) for one, key in sites}.values():
         one[key] = number[one[key]]
     entries[:] = [entries[index] for index in kept]
-    if kind in owner and not entries:
-        del owner[kind]
 
 
 def _partly_used(file: GltfFile, accessors: list[dict[str, Any]], used: set[int], fixed: int) -> list[int]:
@@ -81,7 +87,9 @@ def _partly_used(file: GltfFile, accessors: list[dict[str, Any]], used: set[int]
         for view, members in inside.items()
         if view >= fixed and view not in whole and not used.issuperset(members)
         for index in members
-        if index in used and accessors[index].get("bufferView") == view and not accessors[index]["type"].startswith("M")
+        if index in used
+        and accessors[index].get("bufferView") == view
+        and not accessors[index].get("type", "M").startswith("M")
     ]
 
 
@@ -122,7 +130,7 @@ def _accessor_sites(root: dict[str, Any]) -> Iterator[Site]:
 def _view_sites(root: dict[str, Any]) -> Iterator[Site]:
     owners = [*root.get("accessors", ()), *root.get("images", ())]
     owners += [
-        one["sparse"][part] for one in root.get("accessors", ()) if "sparse" in one for part in ("indices", "values")
+        one.get("sparse", {}).get(part, {}) for one in root.get("accessors", ()) for part in ("indices", "values")
     ]
     owners += [one.get("extensions", {}).get(DRACO, {}) for one in _primitives(root)]
     owners += root.get("extensions", {}).get(MESH_MOTION, {}).get("motions", ())

@@ -104,7 +104,11 @@ def test_what_an_unknown_extension_may_refer_to_keeps_its_number_and_data(tmp_pa
     made = read_gltf(interleaved(tmp_path / "a.glb"))
     scene = Scene()
     scene.builder.begin_with(made)
-    scene.builder.root["extensions"] = {"ACME_hair": {"strands": [{"rootPositions": 0}]}}
+    scene.builder.root["extensions"] = {"ACME_hair": {"strands": [{"rootPositions": 0, "count": 2**60}]}}
+    # What is damaged, and was not needed to read the motion, stays so.
+    scene.builder.add("animations", {"name": "other", "channels": [{"sampler": 7, "target": {}}], "samplers": []})
+    scene.builder.add("accessors", {"sparse": {}, "componentType": 5126, "count": 1, "type": "VEC3"})
+    scene.builder.add("skins", {"joints": [0], "inverseBindMatrices": 99})
     scene.builder.root["extensionsUsed"] = ["ACME_hair"]
     source, path = scene.save(tmp_path / "b.glb"), tmp_path / "c.glb"
     assert np.array_equal(read_gltf(source).accessor(0), made.accessor(0))
