@@ -76,10 +76,12 @@ class Animation(MeshSequence):
         run: int | None = None,
         first_frame: int = 0,
     ) -> None:
-        self.path, self.notices = source.name, ()
+        self.path = source.name
         self._source, self._limits, self._run = source, limits, run
         self._owns_source = run is None
         self._core = core or open_core(source, limits)
+        unknown = ", ".join(stored.type for stored in self._core.sections if stored.type not in SECTION_KINDS)
+        self.notices = (f"sections not kept, which this version does not know: {unknown}",) if unknown else ()
         self._file_bytes = self._core.file_bytes
         self._first_frame = first_frame
         self.times, self.fps = self._core.times, self._core.fps

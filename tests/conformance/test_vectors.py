@@ -407,6 +407,8 @@ def test_files_with_unknown_sections_are_cut_and_give_their_motion_alone(tmp_pat
         (tmp_path / "a.pdeanim").write_bytes(data)
         report = cut_animation(tmp_path / "a.pdeanim", tmp_path / "b.pdeanim", 0, whole.frame_count)
         assert report.lost_sections == UNKNOWN[name]
+        told = ", ".join(UNKNOWN[name]).encode("ascii", "backslashreplace").decode()
+        assert [notice.partition(": ")[2] for notice in whole.notices] == [told]
         with open_animation(tmp_path / "b.pdeanim") as part:
             assert np.array_equal(part.positions(whole.times), whole.positions(whole.times))
             assert part.carried == whole.carried
