@@ -60,16 +60,12 @@ def test_fields_are_chosen_by_name(pyvista: Any, tmp_path: Path) -> None:
     assert pyvista.read(path, fields=["stress"])[1].point_data.keys() == ["stress"]
 
 
-def test_a_damaged_file_raises_our_error(pyvista: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_damaged_or_missing_file_raises_our_error(pyvista: Any, tmp_path: Path, capfd: Any) -> None:
     path = write("surfaces", tmp_path)
+    reader = pyvista.get_reader(path)
     path.write_bytes(path.read_bytes()[:-5])
     with pytest.raises(pdecodec.CorruptFileError, match="truncated"):
         pyvista.read(path)
-
-
-def test_a_file_that_disappears_raises_our_error(pyvista: Any, tmp_path: Path) -> None:
-    path = write("surfaces", tmp_path)
-    reader = pyvista.get_reader(path)
     path.unlink()
     with pytest.raises(pdecodec.InputError, match=r"surfaces\.pdeanim"):
         reader.read()
