@@ -30,6 +30,9 @@ ROOT = Path(__file__).resolve().parents[2]
 REMARKS = ("(3.2)", "(18)")
 """The specification's sections on remarks, which the core does not decode."""
 
+FILES_PER_CALL = 150
+"""Windows takes command lines of at most 32,767 characters."""
+
 
 @dataclass(frozen=True)
 class Build:
@@ -115,7 +118,8 @@ def decoded(build: Build) -> Path:
     if not build.runs:
         return out
     files = [*accepted_files().values(), *write_vectors(folder / "refused", "reject").values()]
-    run(*build.runner, folder / f"exactness{build.suffix}", out, *files)
+    for start in range(0, len(files), FILES_PER_CALL):
+        run(*build.runner, folder / f"exactness{build.suffix}", out, *files[start : start + FILES_PER_CALL])
     return out
 
 
