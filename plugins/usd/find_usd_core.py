@@ -7,7 +7,10 @@ from importlib import metadata
 from pathlib import Path
 
 MODULES = ("ar", "arch", "boost", "gf", "js", "pcp", "plug", "sdf", "tf", "trace", "ts", "vt", "work")
-"""Modules of OpenUSD whose headers the plug-in includes, by name of package: pxr-NAME-dev."""
+"""Modules of OpenUSD whose headers the plug-in includes, by name of package: pxr-NAME-dev.
+
+There is none of pcp for older versions; without it no scenes are shown.
+"""
 
 
 def main() -> None:
@@ -15,7 +18,9 @@ def main() -> None:
     files = metadata.files("usd-core") or []
     (library,) = [Path(one.locate()) for one in files if "libusd_ms" in one.name]
     found = [version, library, headers_of("tbb", None) / "TBB/include"]
-    found += [headers_of(module, version) / f"pxr-{module}/include" for module in MODULES]
+    has_scenes = any(one.metadata["Name"] == "pxr-pcp-dev" for one in metadata.distributions())
+    modules = [one for one in MODULES if has_scenes or one != "pcp"]
+    found += [headers_of(module, version) / f"pxr-{module}/include" for module in modules]
     print(*found, sep=";")
 
 

@@ -1,5 +1,7 @@
 """Measure what opening a clip and showing one frame costs in USD, as .pdeanim and as the .usdc that it decodes to.
 
+The same motion as .abc is read by Alembic's own library, if it is installed (alembic3d): usd-core reads no Alembic.
+
     python plugins/usd/measure.py CLIP.pdeanim ...
 
 PXR_PLUGINPATH_NAME names the folder of the plug-in. Each figure is the smallest of runs in processes of their own, with
@@ -12,10 +14,13 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 RUNS = 5
-"""Processes per figure, in turns for both files."""
+"""Processes per figure, in turns for all files."""
 
 FRAME_SHARE = 0.618
 """Where in the clip the frame is that is read."""
@@ -27,30 +32,63 @@ def peak_memory() -> float:
     return float(line.split()[1]) / 1000
 
 
-def measure(path: Path) -> None:
-    """Print the seconds that opening, a frame and the next one take, and the peak memory in MB."""
-    import numpy as np
-    from pxr import Plug, Usd, UsdGeom
+def usd_readers(path: Path) -> list[Callable[[float], Any]]:
+    """Return functions that read the points of each shape at a share of the clip's time."""
+    from pxr import Usd, UsdGeom
 
-    # USD loads its schemas and the plug-in, once in a process.
-    empty = Usd.Stage.CreateInMemory()
-    empty.DefinePrim("/a", "Mesh").GetAttributes()
-    Plug.Registry().GetPluginWithName("pdeanim_usd").Load()
+    stage = Usd.Stage.Open(str(path))
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    attributes = [UsdGeom.PointBased(one).GetPointsAttr() for one in stage.Traverse() if one.IsA(UsdGeom.PointBased)]
+    # Attributes do not keep their stage.
+    return [lambda share, one=one, _=stage: one.Get(round(first + share * (last - first))) for one in attributes]
+
+
+def alembic_readers(path: Path) -> list[Callable[[float], Any]]:
+    """Return functions that read the points of each mesh at a share of its samples."""
+    from alembic3d import Abc, AbcGeom
+
+    archive = Abc.IArchive(str(path))
+    found, left = [], [archive.getTop()]
+    while left:
+        node = left.pop()
+        left += [node.getChild(index) for index in range(node.getNumChildren())]
+        if AbcGeom.IPolyMesh.matches(node.getHeader()):
+            found.append(AbcGeom.IPolyMesh(node, Abc.WrapExistingFlag.kWrapExisting).getSchema().getPositionsProperty())
+
+    def points_at(positions: Any, share: float) -> Any:
+        index = round(share * (positions.getNumSamples() - 1))
+        return positions.getValue(Abc.ISampleSelector(positions.getTimeSampling().getSampleTime(index)))
+
+    return [lambda share, one=one, _=archive: points_at(one, share) for one in found]
+
+
+def measure(path: Path) -> None:
+    """Print the seconds that opening, a frame and another one take, and the peak memory in MB."""
+    import numpy as np
+
+    # Libraries load their schemas and the plug-in, once in a process.
+    if path.suffix == ".abc":
+        from alembic3d import AbcGeom
+
+        readers, _ = alembic_readers, AbcGeom
+    else:
+        from pxr import Plug, Usd
+
+        empty = Usd.Stage.CreateInMemory()
+        empty.DefinePrim("/a", "Mesh").GetAttributes()
+        Plug.Registry().GetPluginWithName("pdeanim_usd").Load()
+        readers = usd_readers
     Path("/proc/self/clear_refs").write_text("5")
     before = peak_memory()
-    start = time.perf_counter()
-    stage = Usd.Stage.Open(str(path))
-    prims = [prim for prim in stage.Traverse() if prim.IsA(UsdGeom.PointBased)]
-    opened = time.perf_counter()
-    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
-    code = round(first + FRAME_SHARE * (last - first))
-    ends = [opened]
-    for frame in (code, code + 1):
-        for prim in prims:
+    ends = [time.perf_counter()]
+    shapes = readers(path)
+    ends.append(time.perf_counter())
+    for share in (FRAME_SHARE, FRAME_SHARE + 0.01):
+        for points in shapes:
             # A .usdc file is mapped: its bytes are read when they are looked at.
-            np.array(UsdGeom.PointBased(prim).GetPointsAttr().Get(frame)).sum()
+            np.array(points(share)).sum()
         ends.append(time.perf_counter())
-    print(opened - start, *np.diff(ends), peak_memory() - before)
+    print(*np.diff(ends), peak_memory() - before)
 
 
 def fewest(paths: list[Path]) -> list[list[float]]:
@@ -74,10 +112,12 @@ def main(clips: list[str]) -> None:
     print("|---|--:|---|--:|--:|--:|--:|--:|")
     for clip in map(Path, clips):
         with tempfile.TemporaryDirectory() as folder, pdecodec.open(clip) as animation:
-            stage = Path(folder, f"{clip.stem}.usdc")
-            write_sequence(animation, stage, scene="drop")
+            paths = [clip]
+            for extension in ("usdc", *(["abc"] if find_spec("alembic3d") else [])):
+                paths.append(Path(folder, f"{clip.stem}.{extension}"))
+                write_sequence(animation, paths[-1], scene="drop")
             size = f"{animation.frame_count} x {animation.vertex_count:,}"
-            for path, (*seconds, memory) in zip((clip, stage), fewest([clip, stage]), strict=True):
+            for path, (*seconds, memory) in zip(paths, fewest(paths), strict=True):
                 figures = " | ".join(f"{1000 * one:.1f}" for one in seconds)
                 print(f"| {clip.stem} | {size} | {path.suffix} | {path.stat().st_size:,} | {figures} | {memory:.1f} |")
 

@@ -1,3 +1,4 @@
+#ifndef PDEANIM_USD_NO_SCENES
 #include "composition.hpp"
 
 #include <algorithm>
@@ -187,3 +188,5 @@ void Composition::visit(const SdfPath &path, Above above) {
 }
 
 }  // namespace pdeanim_usd
+
+#endif

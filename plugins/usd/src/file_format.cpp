@@ -88,11 +88,15 @@ private:
         try {
             const auto carrier = clip->carrier();
             if (!carrier || !carrier->is_usd()) return false;
+#ifdef PDEANIM_USD_NO_SCENES
+            throw Failure("the plug-in is built without the headers of Pcp");
+#else
             const SceneLayer scene = scene_layer_of(clip, *carrier, fps, max_kept, arguments);
             const auto data = TfCreateRefPtr(new LayerData(scene.evaluator));
             show(layer, data, *scene.layer);
             for (const auto &[path, series] : scene.series) data->add_series(path, series);
             return true;
+#endif
         } catch (const std::exception &error) {
             TF_WARN("%s: the meshes are shown without the scene around them: %s", clip->path().c_str(), error.what());
             return false;

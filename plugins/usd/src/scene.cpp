@@ -1,3 +1,4 @@
+#ifndef PDEANIM_USD_NO_SCENES
 #include "scene.hpp"
 
 #include <algorithm>
@@ -304,3 +305,5 @@ SceneLayer scene_layer_of(std::shared_ptr<const Clip> clip, const Carrier &carri
 }
 
 }  // namespace pdeanim_usd
+
+#endif

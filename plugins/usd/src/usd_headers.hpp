@@ -26,10 +26,12 @@
 #include <pxr/usd/ar/packageResolver.h>
 #include <pxr/usd/ar/packageUtils.h>
 #include <pxr/usd/ar/resolver.h>
+#ifndef PDEANIM_USD_NO_SCENES
 #include <pxr/usd/pcp/cache.h>
 #include <pxr/usd/pcp/layerStack.h>
 #include <pxr/usd/pcp/node.h>
 #include <pxr/usd/pcp/primIndex.h>
+#endif
 #include <pxr/usd/sdf/attributeSpec.h>
 #include <pxr/usd/sdf/changeBlock.h>
 #include <pxr/usd/sdf/data.h>
@@ -53,10 +55,12 @@
 #include <pxr/gf/quath.h>
 #include <pxr/gf/rotation.h>
 #include <pxr/js/json.h>
+#ifndef PDEANIM_USD_NO_SCENES
 #include <pxr/pcp/cache.h>
 #include <pxr/pcp/layerStack.h>
 #include <pxr/pcp/node.h>
 #include <pxr/pcp/primIndex.h>
+#endif
 #include <pxr/sdf/attributeSpec.h>
 #include <pxr/sdf/changeBlock.h>
 #include <pxr/sdf/data.h>
