@@ -181,7 +181,8 @@ class ExtrasWriter:
             kind, metadata[KIND_KEY] = "String", GROUP
             rows = label_numbers(attribute)
             inside = (rows >= 0) & (rows < len(attribute.labels))
-            values, indices = np.array([*attribute.labels, ""]), np.where(inside, rows, len(attribute.labels))
+            values = np.array([*attribute.labels, ""])
+            indices = np.where(inside, rows, len(attribute.labels)).astype(np.int32)
         if indices is not None and (indices < 0).any():
             if one.role != UV:
                 return False
