@@ -179,10 +179,10 @@ class ExtrasWriter:
             kind = "String"
         elif is_role(attribute, GROUP) and domain == "face" and attribute.labels:
             kind, metadata[KIND_KEY] = "String", GROUP
-            rows = label_numbers(attribute)
-            inside = (rows >= 0) & (rows < len(attribute.labels))
+            numbers = label_numbers(attribute)
+            inside = (numbers >= 0) & (numbers < len(attribute.labels))
             values = np.array([*attribute.labels, ""])
-            indices = np.where(inside, rows, len(attribute.labels)).astype(np.int32)
+            indices = np.where(inside, numbers, len(attribute.labels)).astype(np.int32)
         if indices is not None and (indices < 0).any():
             if one.role != UV:
                 return False
