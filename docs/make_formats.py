@@ -50,7 +50,7 @@ CONVENTIONS = """\
   Vertices that are together at all frames are welded in it; the glTF file's vertices and triangles stand in its
   order. So polygons come back as triangles, vertices cut at seams stay cut, and their order is another one. Rigid
   objects stay moving nodes; with `--no-rigid` the motion moves them, too, which often makes smaller files. With
-  `--web`, the shape that other viewers show is rounded to within 0.43 bounds, UVs to 1/4096 and normals to 8 bits;
+  `--web`, the shape that other viewers show is rounded within the bound, UVs to 1/4096 and normals to 8 bits;
   the motion keeps its bound. That of a `.pdeanim` file is stored without encoding it again, unless a bound is given.
   It goes into the scene that the file carries, or into ORIGINAL of `--onto`. These files are read like any other.
   Sizes: [web](web.md).

@@ -273,10 +273,10 @@ class GltfBuilder:
     def rounded(self, values: ArrayLike, step: float | None, *, target: int | None = None, bounds: bool = False) -> int:
         """Add an accessor of float32 rows (n, k) like :meth:`floats`; compressed, they are rounded to a step.
 
-        Values become multiples of the power of two at or below `step`, or of a larger one if they need too many digits.
+        Values become multiples of the power of two at or below `step`, unless these need too many digits.
         """
         rows, coded = np.asarray(values, np.float32), None
-        if step is not None and self._packer is not None and rows.size and np.isfinite(rows).all():
+        if step and self._packer is not None and rows.size and np.isfinite(rows).all():
             rows, coded = exponential(rows, step)
         return self.floats(rows, target=target, bounds=bounds, coded=coded)
 

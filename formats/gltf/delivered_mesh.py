@@ -63,6 +63,10 @@ class Delivery:
         """Step to which the coordinates of the shape are rounded [scene units]."""
         return None if self.bound is None else self.bound * 2 / math.sqrt(3)
 
+    def allows(self, error: float) -> bool:
+        """Return whether vertices of the shape may be so far off along each axis [scene units]."""
+        return self.bound is None or error * math.sqrt(3) <= self.bound
+
     def share(self, part: str) -> Delivery:
         """Return the delivery with the share of one of the parts that move a rigid object."""
         return Delivery(None if self.bound is None else self.bound * RIGID_SHARES[part])
@@ -241,7 +245,8 @@ class DeliveredMeshWriter(MeshWriter):
         motion, points = self._motion, self._motion.rest[self.sources]
 
         def rounded(values: Float32Array, step: float) -> NDArray[Any]:
-            return values if self._step is None or not values.size else exponential(values, step)[1][1]
+            shown, coded = exponential(values, step) if self._step and values.size else (values, None)
+            return shown if coded is None else coded[1]
 
         if self._lattice is None:
             found = [rounded(points, self._step or 0.0)]

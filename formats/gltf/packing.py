@@ -105,12 +105,15 @@ def _ranked(triangles: NDArray[np.integer]) -> Int64Array:
     return np.lexsort(np.sort(triangles, axis=1).T)
 
 
-def exponential(rows: Float32Array, step: float) -> tuple[Float32Array, Coded]:
-    """Round rows (n, k) to multiples of the power of two at or below `step`, or of a larger one if these need too many
-    digits; return them and their form.
+def exponential(rows: Float32Array, step: float) -> tuple[Float32Array, Coded | None]:
+    """Round rows (n, k) to multiples of the power of two at or below `step`; return them and their form.
+
+    If these need too many digits, return the rows as they are, and None.
     """
     needed = math.frexp(float(np.abs(rows).max()))[1] - MANTISSA_BITS + 1
-    exponent = min(max(math.frexp(step)[1] - 1, needed, EXPONENT_RANGE[0]), EXPONENT_RANGE[1])
+    exponent = min(math.frexp(step)[1] - 1, EXPONENT_RANGE[1])
+    if exponent < max(needed, EXPONENT_RANGE[0]):
+        return rows, None
     wholes = np.rint(np.ldexp(rows.astype(np.float64), -exponent)).astype(np.int32)
     coded = np.uint32((exponent & 0xFF) << 24) | (wholes & 0xFFFFFF).astype("<u4")
     return np.ldexp(wholes.astype(np.float64), exponent).astype(np.float32), ("EXPONENTIAL", coded)

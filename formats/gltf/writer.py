@@ -31,7 +31,7 @@ from pdecodec.formats.base.rigid_pieces import rigid_parts_within
 from pdecodec.formats.base.scene_space import UNIT, UP_AXIS, metres_per_unit, place, up_axis_of
 from pdecodec.formats.base.scene_writing import DEFAULT_NAME, path_steps, renamed
 from pdecodec.formats.gltf.builder import GltfBuilder
-from pdecodec.formats.gltf.delivered_mesh import DeliveredMeshWriter, Delivery, delivered_lattice
+from pdecodec.formats.gltf.delivered_mesh import UV_STEP, DeliveredMeshWriter, Delivery, delivered_lattice
 from pdecodec.formats.gltf.functions import Blocks, cubic_keys
 from pdecodec.formats.gltf.materials import Materials
 from pdecodec.formats.gltf.mesh_motion import CodedRows, MotionWriter, is_stored
@@ -306,7 +306,9 @@ class GltfScene:
 
     def _hold_still(self) -> None:
         """Add an animation that moves nothing, so that our reader restores frames and times of a still sequence."""
-        self._move(self._roots[0], {"translation": np.zeros((self._sequence.frame_count, 3), np.float32)})
+        root = self._roots[0]
+        here = self._builder.root["nodes"][root].get("translation", [0.0] * 3)
+        self._move(root, {"translation": np.tile(np.float32(here), (self._sequence.frame_count, 1))})
 
     def _node(self, name: str, entry: dict[str, Any]) -> int:
         """Add the node of an object, and its parents."""
@@ -410,6 +412,8 @@ class _Scene(GltfScene):
                 lattice, flat = delivered_lattice(item, motion, shown, step, centred=turns is not None)
             elif is_rounded:
                 lattice = lattice_of(motion, centred=turns is not None)
+            if lattice is not None and delivery is not None and not delivery.allows(lattice.error):
+                lattice, flat = None, None
             bind = np.eye(4)
             if lattice is not None:
                 motion, angle = round_normals(motion) if delivery is None else (motion, 0.0)
@@ -469,6 +473,8 @@ class _Scene(GltfScene):
             self._notices.append(f"positions are rounded to 16 bits: up to {coarsest:.2g} off along an axis")
         elif self._delivery is not None and self._delivery.bound is not None:
             self._notices.append(f"shapes and the keys of nodes are rounded: up to {self._delivery.bound:.2g} off")
+            if builder.packer is not None and any(uv_sets(item) for item in items):
+                self._notices.append(f"UVs are rounded to multiples of 1/{1 / UV_STEP:.0f}")
         if steepest:
             bits = " or ".join(sorted({"16" if one.has_fine_normals else "8" for one in self._motions}, key=int))
             self._notices.append(f"normals are rounded to {bits} bits: up to {steepest:.2g} degrees off")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pdecodec import EncodeSettings, open_animation, open_sequence
 from pdecodec.formats import write_sequence
 from pdecodec.formats.base.normals import NORMAL_GROUP, normal_group
+from pdecodec.formats.gltf.delivered_mesh import UV_STEP
 from pdecodec.formats.gltf.file import GltfFile, read_gltf
 from pdecodec.formats.gltf.packing import exponential, octahedral, quaternions
 from pdecodec.formats.gltf.reader import GltfSequence
@@ -43,6 +44,10 @@ def test_filters_give_what_meshoptimizer_decodes(name: str) -> None:
     if name == "EXPONENTIAL":
         source = 7 * unit_vectors(3)
         found, coded = exponential(source, 1e-3)
+        for step in (1e-7, 2.0**-110):
+            kept, none = exponential(source * np.float32(step > 1e-30), step)
+            assert none is None
+            assert np.array_equal(kept, source * np.float32(step > 1e-30))
         decode, dtype, off = codec.decode_filter_exp, "<f4", 1e-3 / 2
     elif name == "OCTAHEDRAL":
         source = unit_vectors(3)
@@ -56,6 +61,7 @@ def test_filters_give_what_meshoptimizer_decodes(name: str) -> None:
         decode, dtype, off = codec.decode_filter_quat, "<i2", 1e-3 / 2
         assert quaternions(source, 1e-7) is None
         source *= np.sign((source * found).sum(axis=1, keepdims=True))
+    assert coded is not None
     assert coded[0] == name
     rows = np.ascontiguousarray(coded[1]).copy()
     stored = np.frombuffer(decode(rows, len(rows), rows.nbytes // len(rows)).tobytes(), dtype)
@@ -137,6 +143,29 @@ def test_flat_faces_of_a_mesh_that_is_smooth_elsewhere_are_drawn_apart(tmp_path:
     assert [file.root["accessors"][one["attributes"]["POSITION"]]["count"] for one in (smooth, flat)] == [81, 320]
     with open_sequence(tmp_path / "a.glb") as found:
         assert largest_distance(found, clip) <= 1.001e-3 * frame_scale(clip.read_frames(0, 1)[0])
+    assert_valid(tmp_path / "a.glb")
+
+
+@pytest.mark.parametrize("turns", [False, True])
+@pytest.mark.parametrize("max_error", [1e-3, 2e-5])
+def test_a_large_shape_keeps_a_bound_for_which_16_bits_are_too_coarse(
+    turns: bool, max_error: float, tmp_path: Path
+) -> None:
+    """The coarser bound takes rounded floats, and the finer one floats as they are."""
+    angles, flag = np.linspace(0, 0.5, 5), np.random.default_rng(0).normal(size=(5, 16, 3))
+    large = (100 * unit_vectors(3)[:81] + 7).astype(np.float32)
+    points = turning(angles, large) if turns else np.repeat(large[None], 5, axis=0)
+    uv = Attribute("uv", "corner", np.full((256, 2), 0.3, np.float32))
+    objects = [MeshObject("large", grid(9, 9), (uv,)), MeshObject("flag", grid(4, 4))]
+    clip = ArraySequence(
+        np.concatenate([points, flag], axis=1).astype(np.float32), objects=objects, fps=24, metadata=dict(SPACE)
+    )
+    notices = write_sequence(clip, tmp_path / "a.glb", motion=EncodeSettings(max_error=max_error), web=True)
+    assert f"shapes and the keys of nodes are rounded: up to {max_error:.2g} off" in notices
+    assert f"UVs are rounded to multiples of 1/{1 / UV_STEP:.0f}" in notices
+    with open_sequence(tmp_path / "a.glb") as found:
+        # float32 itself is this coarse at 100.
+        assert largest_distance(found, clip) <= max_error + 2e-5
     assert_valid(tmp_path / "a.glb")
 
 
