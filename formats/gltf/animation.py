@@ -129,9 +129,11 @@ def find_channel_targets(file: GltfFile, target: Mapping[str, Any]) -> list[tupl
     if target["path"] != "pointer":
         return []
     kind, number, path, *rest = (*target["extensions"][POINTER]["pointer"].split("/")[1:], "", "", "")[:4]
-    if kind == "nodes" and path in MOVING_PROPERTIES and number.isdecimal() and rest == [""]:
+    if not number.isdecimal() or rest != [""]:
+        return None
+    if kind == "nodes" and path in MOVING_PROPERTIES:
         return [(int(number), path)]
-    if kind == "meshes" and path == "weights" and number.isdecimal():
+    if kind == "meshes" and path == "weights":
         # The weights of a mesh apply to those of its nodes that have no weights of their own.
         nodes = enumerate(file.listed("nodes"))
         return [(node, path) for node, entry in nodes if entry.get("mesh") == int(number) and path not in entry]

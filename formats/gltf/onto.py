@@ -9,7 +9,7 @@ names.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -102,25 +102,36 @@ class _Onto(GltfScene):
         self._start = min(original.start, self._start)
         chosen["extras"] = {**(extras if isinstance(extras, dict) else {}), "pdecodec": self._noted_times()}
         moved = {original.shapes[one.index].node for one in fits}
-        for node in moved:
-            self._remove_weight_animations(node)
         # If no other node uses a mesh, the new mesh takes its index.
         users = [(entry["mesh"], index) for index, entry in enumerate(root["nodes"]) if "mesh" in entry]
         drop_motions(root, {mesh for mesh, index in users if index in moved})
         self._free = {mesh for mesh, _ in users} - {mesh for mesh, index in users if index not in moved}
+        self._remove_weight_animations(moved)
         self._dropped: dict[str, None] = {}
 
-    def _remove_weight_animations(self, node: int) -> None:
-        """Remove animations of the morph weights of a node, which gets new ones."""
-        pointer = f"/nodes/{node}/weights"
+    def _remove_weight_animations(self, moved: Collection[int]) -> None:
+        """Remove animations of the morph weights of nodes, which get new ones, and of meshes that are replaced."""
+        replaced = {f"/nodes/{node}/weights" for node in moved} | {f"/meshes/{mesh}/weights" for mesh in self._free}
         for animation in self._animations:
             targets = [channel["target"] for channel in animation["channels"]]
+            pointers = [one.get("extensions", {}).get(POINTER, {}).get("pointer", "") for one in targets]
             animation["channels"][:] = [
                 channel
-                for channel, target in zip(animation["channels"], targets, strict=True)
-                if (target.get("node"), target.get("path")) != (node, "weights")
-                and target.get("extensions", {}).get(POINTER, {}).get("pointer") != pointer
+                for channel, target, pointer in zip(animation["channels"], targets, pointers, strict=True)
+                if not (target.get("node") in moved and target.get("path") == "weights")
+                # A pointer may name a single weight.
+                and pointer.rstrip("/0123456789") not in replaced
             ]
+
+    def _drop_empty_animations(self) -> None:
+        """Drop animations that no longer move anything; motions that were a part of one become animations."""
+        kept = [one for one in self._animations if one["channels"]]
+        for motion in self._builder.root.get("extensions", {}).get(MESH_MOTION, {}).get("motions", ()):
+            if motion.get("animation", len(self._animations)) < len(self._animations):
+                whole = self._animations[motion.pop("animation")]
+                number = next((number for number, one in enumerate(kept) if one is whole), None)
+                motion |= {"name": whole.get("name", "motion")} if number is None else {"animation": number}
+        self._animations[:] = kept
 
     def write(self) -> list[str]:
         """Write the moved meshes; return notices.
@@ -191,9 +202,8 @@ class _Onto(GltfScene):
                 else:
                     node = self._node(item.name, {"mesh": mesh, **kept, **place})
             self._animate(node, motion, turns)
-        # Animations that no longer move anything are dropped.
         chosen = self._animations[self._original.clip_number]
-        self._animations[:] = [one for one in self._animations if one["channels"]]
+        self._drop_empty_animations()
         motion_notices = self._write_motion(chosen)
         if not self._animations:
             del builder.root["animations"]

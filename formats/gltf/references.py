@@ -37,7 +37,7 @@ def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[
         _keep(animation, "samplers", [(one, "sampler") for one in animation["channels"]], 0)
     accessors = root.get("accessors", [])
     most = max(len(accessors), len(root.get("bufferViews", ())))
-    fixed = 1 + max((one for one in _numbers_of_unknown(root) if one < most), default=-1)
+    fixed = 1 + max((one for one in numbers_of_unknown(root) if one < most), default=-1)
     sites = list(_accessor_sites(root))
     used = {owner[key] for owner, key in sites} | set(range(fixed))
     shared = _partly_used(file, accessors, used, fixed)
@@ -137,18 +137,20 @@ def _view_sites(root: dict[str, Any]) -> Iterator[Site]:
     yield from ((owner, "bufferView") for owner in owners if "bufferView" in owner)
 
 
-def _numbers_of_unknown(value: Any, *, inside: bool = False) -> Iterator[int]:
-    """Yield the whole numbers in extensions that are not known."""
+def numbers_of_unknown(value: Any, *, inside: bool = False) -> Iterator[int]:
+    """Yield the whole numbers in unknown extensions: any may be the index of an accessor or a buffer view."""
     if isinstance(value, dict):
         for key, one in value.items():
             if key == "extensions" and isinstance(one, dict):
                 for name, extension in one.items():
-                    is_known = name in READABLE_EXTENSIONS or name.startswith(POSITION_NEUTRAL_PREFIXES)
-                    yield from _numbers_of_unknown(extension, inside=inside or not is_known)
+                    # Profiles of lights (EXT_lights_ies) may be in buffer views.
+                    is_neutral = name.startswith(POSITION_NEUTRAL_PREFIXES) and "bufferView" not in repr(extension)
+                    is_known = name in READABLE_EXTENSIONS or is_neutral
+                    yield from numbers_of_unknown(extension, inside=inside or not is_known)
             elif key != "extras":
-                yield from _numbers_of_unknown(one, inside=inside)
+                yield from numbers_of_unknown(one, inside=inside)
     elif isinstance(value, list):
         for one in value:
-            yield from _numbers_of_unknown(one, inside=inside)
+            yield from numbers_of_unknown(one, inside=inside)
     elif inside and isinstance(value, int):
         yield int(value)

@@ -26,6 +26,7 @@ from pdecodec.formats.base.onto import Fitted
 from pdecodec.formats.gltf.compression import MESHOPT_NAMES
 from pdecodec.formats.gltf.file import COMPONENTS, TRIANGLES, WIDTHS, GltfFile, flipped, json_bytes
 from pdecodec.formats.gltf.reader import GltfSequence
+from pdecodec.formats.gltf.references import numbers_of_unknown
 from pdecodec.formats.gltf.stored_motion import drop_motions
 from pdecodec.mesh.arrays import Int64Array
 from pdecodec.mesh.sequence import MeshObject, MeshSequence
@@ -248,7 +249,7 @@ def _replaced_bytes(
             for name, index in (*primitive["attributes"].items(), *targets):
                 (slots if number in moved and name.startswith(_MOVED) else others).add(index)
             others.add(primitive.get("indices", -1))
-    others |= set(range(len(file.listed("accessors")))) - slots
+    others |= (set(range(len(file.listed("accessors")))) - slots) | slots.intersection(numbers_of_unknown(file.root))
     zeros = {index: np.zeros(len(data), bool) for index, data in buffers.items()}
     for one in (file.root["bufferViews"][view] for view in views):
         first = int(one.get("byteOffset", 0))

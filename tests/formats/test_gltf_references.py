@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pdecodec.formats import open_sequence, write_onto
+from pdecodec import encode, open_animation
+from pdecodec.formats import open_sequence, write_onto, write_sequence
 from pdecodec.formats.gltf.file import read_gltf
+from pdecodec.formats.gltf.types import POINTER
 from pdecodec.mesh.arrays import Float32Array
 from pdecodec.mesh.sequence import ArraySequence
+from spec.extension.make_example import PATH as EXAMPLE
 from tests.support.browser_tools import assert_valid
-from tests.support.gltf_files import Scene
+from tests.support.gltf_files import TRIANGLE, Scene
 
 DEAD, KEPT = 7.2734375, 0.6328125
 """Values in what the motion replaces and in what stays."""
@@ -100,18 +103,64 @@ def test_data_that_a_motion_replaces_are_not_in_the_output(meshopt: bool, tmp_pa
         assert_valid(path)
 
 
-def test_what_an_unknown_extension_may_refer_to_keeps_its_number_and_data(tmp_path: Path) -> None:
+@pytest.mark.parametrize("is_carried", [False, True])
+@pytest.mark.parametrize("name", ["ACME_hair", "EXT_lights_ies"])
+def test_what_an_unknown_extension_may_refer_to_keeps_its_number_and_data(
+    name: str, is_carried: bool, tmp_path: Path
+) -> None:
     made = read_gltf(interleaved(tmp_path / "a.glb"))
     scene = Scene()
     scene.builder.begin_with(made)
-    scene.builder.root["extensions"] = {"ACME_hair": {"strands": [{"rootPositions": 0, "count": 2**60}]}}
+    key = {"ACME_hair": "rootPositions", "EXT_lights_ies": "bufferView"}[name]
+    scene.builder.root["extensions"] = {name: {"entries": [{key: 0, "count": 2**60}]}}
     # What is damaged, and was not needed to read the motion, stays so.
     scene.builder.add("animations", {"name": "other", "channels": [{"sampler": 7, "target": {}}], "samplers": []})
     scene.builder.add("accessors", {"sparse": {}, "componentType": 5126, "count": 1, "type": "VEC3"})
     scene.builder.add("skins", {"joints": [0], "inverseBindMatrices": 99})
-    scene.builder.root["extensionsUsed"] = ["ACME_hair"]
+    scene.builder.root["extensionsUsed"] = [name]
     source, path = scene.save(tmp_path / "b.glb"), tmp_path / "c.glb"
     assert np.array_equal(read_gltf(source).accessor(0), made.accessor(0))
-    write_onto(moved(source), source, path)
-    assert np.array_equal(read_gltf(path).accessor(0), made.accessor(0))
-    assert read_gltf(path).root["meshes"][0]["primitives"][0]["attributes"]["POSITION"] != 0
+    if is_carried:
+        with open_sequence(source) as read:
+            encode(read, tmp_path / "a.pdeanim")
+        with open_animation(tmp_path / "a.pdeanim") as animation:
+            write_sequence(animation, path)
+    else:
+        write_onto(moved(source), source, path)
+    found = read_gltf(path)
+    assert np.array_equal(found.accessor(0), made.accessor(0))
+    assert found.root["extensions"] == scene.builder.root["extensions"]
+    assert found.view_bytes(0) == made.view_bytes(0)
+    assert found.root["meshes"][0]["primitives"][0]["attributes"]["POSITION"] != 0
+
+
+def test_weights_that_a_pointer_moves_end_and_motions_stay_in_their_animation(tmp_path: Path) -> None:
+    """A flag with a motion of its own is in a scene with a sheet whose weights are all that an animation moves."""
+    scene = Scene()
+    scene.builder.begin_with(read_gltf(EXAMPLE))
+    root = scene.builder.root
+    target = scene.builder.floats(np.full((3, 3), DEAD), bounds=True)
+    mesh = scene.mesh(TRIANGLE, targets=[{"POSITION": target}])
+    root["scenes"][0]["nodes"].append(scene.builder.add("nodes", {"name": "sheet", "mesh": mesh}))
+    (whole,) = root["animations"]
+    keys, output = scene.builder.floats([0, 1], bounds=True), scene.builder.floats([0, DEAD])
+    pointers = [f"/meshes/{mesh}/weights", f"/meshes/{mesh}/weights/0", f"/nodes/{len(root['nodes']) - 1}/weights/0"]
+    channels = [
+        {"sampler": 0, "target": {"path": "pointer", "extensions": {POINTER: {"pointer": one}}}} for one in pointers
+    ]
+    weights = {"name": "weights", "channels": channels, "samplers": [{"input": keys, "output": output}]}
+    root["animations"] = [weights, whole]
+    root["extensions"]["PDECODEC_mesh_motion"]["motions"][0]["animation"] = 1
+    scene.builder.use(POINTER, is_required=False)
+    source, path = scene.save(tmp_path / "a.glb"), tmp_path / "b.glb"
+    with open_sequence(source, clip="weights") as read:
+        (sheet,) = (one for one in read.objects if one.name == "sheet")
+        points = np.random.default_rng(0).normal(size=(3, 3, 3)).astype(np.float32)
+        write_onto(ArraySequence(points, objects=[sheet], fps=24), source, path, clip="motion")
+    found = read_gltf(path)
+    assert [one["name"] for one in found.root["animations"]] == ["motion"]
+    assert found.root["extensions"]["PDECODEC_mesh_motion"]["motions"][0]["animation"] == 0
+    assert np.float32(DEAD).tobytes() not in path.read_bytes()
+    with open_sequence(path) as read:
+        own = slice(-3, None)
+        assert np.abs(read.read_frames(0, 3)[:, own] - points).max() <= 1e-6
