@@ -3,6 +3,11 @@ import { Box3, BufferAttribute, BufferGeometry, Sphere, Vector3 } from "three";
 
 import { DecodedRun, gatherRows, release, retain, turnTangents } from "./decoded.js";
 
+const shapes = new WeakMap();
+
+/** Return the shape of a moving geometry, or of a geometry that took its attributes; otherwise undefined. */
+export const shapeOf = (geometry) => shapes.get(geometry.attributes.position);
+
 export class MovingGeometry extends BufferGeometry {
   #wanted = null;
   #graphics = null;
@@ -174,6 +179,7 @@ export class MovingGeometry extends BufferGeometry {
     const { sources, hasNormals, tangents } = this.shape;
     const attribute = (size) => new BufferAttribute(new Float32Array(size * sources.length), size);
     this.setAttribute("position", attribute(3));
+    shapes.set(this.attributes.position, this.shape);
     if (hasNormals) this.setAttribute("normal", attribute(3));
     if (tangents) this.setAttribute("tangent", attribute(4));
   }

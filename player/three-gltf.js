@@ -2,6 +2,7 @@
 import {
   AnimationClip,
   Box3,
+  InstancedMesh,
   Line,
   LineLoop,
   LineSegments,
@@ -12,7 +13,7 @@ import {
 } from "three";
 
 import { EXTENSION, Motions, extensionOf, fansOf, rowsOf } from "./gltf-motion.js";
-import { MovingGeometry } from "./three-geometry.js";
+import { MovingGeometry, shapeOf } from "./three-geometry.js";
 import { graphicsOf } from "./three-graphics.js";
 
 /**
@@ -83,7 +84,7 @@ const moving = (Base) =>
   };
 
 const MOVING = Object.fromEntries(
-  Object.entries({ Line, LineLoop, LineSegments, Mesh, Points }).map(([name, Base]) => [name, moving(Base)]),
+  Object.entries({ InstancedMesh, Line, LineLoop, LineSegments, Mesh, Points }).map(([name, Base]) => [name, moving(Base)]),
 );
 
 /**
@@ -131,7 +132,8 @@ export class GLTFMeshMotionExtension {
         const bounds = new Box3(new Vector3(...own.min), new Vector3(...own.max));
         const normals = objects[k].isMesh && attributes.normal ? valuesOf(attributes.normal) : null;
         const tangents = normals && attributes.tangent ? valuesOf(attributes.tangent) : null;
-        return { animation, run: animation, sources: rows, bounds, rows, normals, tangents, index: index && valuesOf(index) };
+        const corners = index && valuesOf(index);
+        return { motion: own.motion, animation, run: animation, sources: rows, bounds, rows, normals, tangents, index: corners };
       }),
     );
     for (const animation of new Set(shapes.map((shape) => shape?.animation))) {
@@ -141,8 +143,9 @@ export class GLTFMeshMotionExtension {
     return shapes;
   }
 
-  #replace(object, { animation, run, sources, bounds, fans = null, normals, tangents }) {
-    const geometry = new MovingGeometry({ animation, run, sources, bounds, fans, tangents, hasNormals: normals !== null });
+  #replace(object, { motion, animation, run, sources, bounds, fans = null, normals, tangents }) {
+    const hasNormals = normals !== null;
+    const geometry = new MovingGeometry({ motion, animation, run, sources, bounds, fans, tangents, hasNormals });
     geometry.copyRest(object.geometry);
     const replaced = new MOVING[object.type](geometry, object.material);
     replaced.name = object.name;
@@ -151,15 +154,30 @@ export class GLTFMeshMotionExtension {
     return replaced;
   }
 
+  /** Replace instances (EXT_mesh_gpu_instancing) that were made of a moving mesh by moving ones. */
+  #replaceInstances(object) {
+    const geometry = new MovingGeometry(shapeOf(object.geometry));
+    geometry.copyRest(object.geometry);
+    const replaced = new MOVING.InstancedMesh(geometry, object.material, object.count);
+    InstancedMesh.prototype.copy.call(replaced, object, false);
+    // Tracks of animations name objects by their identifiers.
+    Object.assign(replaced, { geometry, uuid: object.uuid });
+    const { parent } = object;
+    parent.children[parent.children.indexOf(object)] = replaced;
+    Object.assign(replaced, { parent });
+    for (const child of [...object.children]) replaced.add(child);
+    object.parent = null;
+    this.parser.associations.set(replaced, this.parser.associations.get(object));
+  }
+
   /** Offer motions as clips, or as tracks of the animations that they are a part of. */
   afterRoot({ scenes, animations }) {
     const objects = this.motions.list.map(() => new Set());
     for (const scene of scenes) {
-      scene.traverse((object) => {
-        if (!object.motionState) return;
-        const { meshes, primitives } = this.parser.associations.get(object);
-        objects[extensionOf(this.parser.json.meshes[meshes].primitives[primitives]).motion].add(object);
-      });
+      const instanced = [];
+      scene.traverse((object) => object.isInstancedMesh && shapeOf(object.geometry) && instanced.push(object));
+      for (const object of instanced) this.#replaceInstances(object);
+      scene.traverse((object) => object.motionState && objects[object.geometry.shape.motion].add(object));
     }
     objects.forEach((own, index) => {
       if (own.size === 0) return;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 from pdecodec.mesh.arrays import Float32Array
 from spec.decoder.gltf import root_of, shape_at
 from spec.extension.make_example import PATH
+from tests.formats.test_gltf_mesh_motion import changed
 from tests.support.browser_pages import GRAPHICS, showing, three_page
 from tests.support.driven_browser import Browser
 
@@ -65,6 +67,32 @@ Object.assign(globalThis, { THREE, renderer, load, movedOf, draw, pointsOf, read
 """
 
 
+def add_instances(root: dict[str, Any]) -> None:
+    """Draw the flag twice, with a number of its own each time, and name neither its node nor its mesh."""
+    offsets, numbers = np.array([[0, 0, 0], [2, 0, 0]], "<f4"), np.array([1, 2], "<f4")
+    for values, kind in ((offsets, "VEC3"), (numbers, "SCALAR")):
+        root["bufferViews"].append({"buffer": len(root["buffers"]), "byteLength": values.nbytes})
+        address = "data:application/octet-stream;base64," + base64.b64encode(values.tobytes()).decode()
+        root["buffers"].append({"byteLength": values.nbytes, "uri": address})
+        view = {"bufferView": len(root["bufferViews"]) - 1, "componentType": 5126, "count": 2, "type": kind}
+        root["accessors"].append(view)
+    first = len(root["accessors"]) - 2
+    del root["nodes"][0]["name"]
+    root["nodes"][0] |= {
+        "children": [1],
+        "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": first}}},
+    }
+    root["nodes"].append(
+        {
+            "name": "numbered",
+            "mesh": 0,
+            "extensions": {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": first, "_ID": first + 1}}},
+        }
+    )
+    root["scenes"][0]["nodes"] = [0, 2]
+    root["extensionsUsed"].append("EXT_mesh_gpu_instancing")
+
+
 @pytest.fixture(scope="module", params=GRAPHICS)
 def page(request: pytest.FixtureRequest, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
     served = three_page(site, tmp_path_factory.mktemp("scene") / "served", SCRIPT, request.param)
@@ -72,6 +100,7 @@ def page(request: pytest.FixtureRequest, site: Path, tmp_path_factory: pytest.Te
     (served / "example.glb").write_bytes(data)
     (served / "broken.glb").write_bytes(data.replace(b'"vertexMap":3', b'"vertexMap":0'))  # three values a vertex
     (served / "long.glb").write_bytes(data.replace(b'"duration":1', b'"duration":2'))
+    changed(served / "instanced.glb", add_instances)
     with showing(served, "index.html", "globalThis.load", request.param) as browser:
         yield browser
 
@@ -183,6 +212,32 @@ def test_rays_and_boxes_find_the_moved_flag(page: Browser) -> None:
     assert near[:, 2].min() <= found[0] <= near[:, 2].max()
     assert found[1] == pytest.approx(found[0], abs=1e-5)
     assert (found[3], found[4]) == (MOVED["extensions"][NAME]["min"], MOVED["extensions"][NAME]["max"])
+
+
+def test_instances_move_and_rays_find_them(page: Browser) -> None:
+    found = page.run(
+        "const gltf = await load('instanced.glb'); const mixer = new THREE.AnimationMixer(gltf.scene);"
+        "for (const clip of gltf.animations) mixer.clipAction(clip).play();"
+        "const flags = movedOf(gltf.scene); draw(gltf.scene); mixer.setTime(0.6); draw(gltf.scene);"
+        "const [from, to] = [new THREE.Vector3(2.9, 1.2, 5), new THREE.Vector3(0, 0, -1)];"
+        "const hits = new THREE.Raycaster(from, to).intersectObjects(flags);"
+        "const copy = movedOf(gltf.scene.clone())[1]; copy.motionTime = 0.3; draw(copy);"
+        "return [flags.map(({ isInstancedMesh, count, isOnGpu }) => [isInstancedMesh, count, isOnGpu]),"
+        " await Promise.all(flags.map(pointsOf)), hits.map(({ instanceId, point }) => [instanceId, point.z]),"
+        " readOf(copy), copy.count, copy.geometry.attributes._ID.array[1], flags[0].children.length, error()]"
+    )
+    flags, shown, hits, copied, *rest = found
+    assert flags == [[True, 2, True]] * 2
+    assert rest == [2, 2, 1, 0]
+    moved = points_at(0.6)
+    for points in shown:
+        assert_close(points, moved)
+    assert_close(copied, points_at(0.3))
+    near = moved[np.argsort(np.linalg.norm(moved[:, :2] - [0.9, 1.2], axis=1))[:4]]
+    assert len(hits) == 2
+    for instance, depth in hits:
+        assert instance == 1
+        assert near[:, 2].min() <= depth <= near[:, 2].max()
 
 
 @pytest.mark.parametrize("name", ["broken", "long"])
