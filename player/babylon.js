@@ -82,10 +82,12 @@ class Mover {
   }
 
   #setBounds() {
-    const { low, high } = this.shape;
-    for (const own of [this.mesh, ...this.mesh.instances]) {
-      own.setBoundingInfo(new BoundingInfo(low, high, own.getWorldMatrix()));
-    }
+    const { mesh, shape: { low, high } } = this;
+    for (const own of [mesh, ...mesh.instances]) own.setBoundingInfo(new BoundingInfo(low, high, own.getWorldMatrix()));
+    if (!mesh.hasThinInstances) return;
+    mesh.rawBoundingInfo = new BoundingInfo(low, high);
+    mesh._thinInstanceDataStorage.boundingVectors.length = 0;  // corners of the first frame's box
+    mesh.thinInstanceRefreshBoundingInfo();
   }
 
   #freeBuffers() {

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pdecodec.formats.gltf.file import read_gltf
 from spec.extension.make_example import PATH
-from tests.browser.test_gltf_in_three import MOVED, NAME, assert_close, points_at
+from tests.browser.test_gltf_in_three import MOVED, NAME, add_instances, assert_close, points_at
 from tests.formats.test_gltf_mesh_motion import changed
 from tests.support.browser_pages import GRAPHICS, HELPERS, showing
 from tests.support.browser_tools import bundle, node_module
@@ -34,6 +35,7 @@ import { CreateGround } from "@babylonjs/core/Meshes/Builders/groundBuilder.js";
 import { Scene } from "@babylonjs/core/scene.js";
 import "@babylonjs/core/Animations/animatable.js";
 import "@babylonjs/loaders/glTF/2.0/glTFLoader.js";
+import "@babylonjs/loaders/glTF/2.0/Extensions/EXT_mesh_gpu_instancing.js";
 import { registerMeshMotion } from "pdeanim/babylon";
 import { GpuMotion } from "pdeanim/gpu";
 import { WebGpuMotion } from "pdeanim/webgpu";
@@ -152,6 +154,15 @@ def add_tangents(root: dict[str, Any]) -> None:
     attributes["TANGENT"] = len(root["accessors"]) - 1
 
 
+def share_the_flag(root: dict[str, Any]) -> None:
+    """Draw the flag twice, and its arrays and its material a third time in a mesh that stands still."""
+    (primitive,) = root["meshes"][0]["primitives"]
+    still = {key: value for key, value in primitive.items() if key != "extensions"}
+    root["meshes"].append({"primitives": [still]})
+    root["nodes"] += [{"name": "second", "mesh": 0}, {"name": "still", "mesh": 2}]
+    root["scenes"][0]["nodes"] += [2, 3]
+
+
 @pytest.fixture(scope="module")
 def built(packed_player: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the page and clips."""
@@ -163,6 +174,8 @@ def built(packed_player: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
     shutil.copy(PATH, folder)
     changed(folder / "lines.glb", add_lines)
     changed(folder / "list.glb", drop_indices)
+    changed(folder / "instanced.glb", add_instances)
+    changed(folder / "shared.glb", share_the_flag)
     changed(folder / "tangents.glb", add_tangents)
     bundle(folder, "esbuild")
     shutil.copy(packed_player / "pdeanim.wasm", folder / "built")
@@ -262,6 +275,44 @@ def test_copies_have_a_time_of_their_own(page: Browser) -> None:
     for points, time in zip([*shown, instance], [0.3, 0.6, 0.9], strict=True):
         assert_close(points, points_at(time))
     assert geometries == 3
+
+
+def test_meshes_that_share_arrays_and_a_frozen_material_do_not_move_each_other(page: Browser) -> None:
+    (before, after), facts, errors = page.run(
+        "const { meshes } = await load('shared'); const [first, second] = movedOf(meshes);"
+        "const still = meshes.find(({ name }) => name === 'still'); const all = [first, second, still];"
+        "const shownBy = (one) => (one === still ? [...one.getVerticesData('position')] : drawnBy(one));"
+        "await tick(); first.material.freeze();"
+        "first.motionState.set(0.3, 1); second.motionState.set(0.6, 1); await tick();"
+        "const before = await Promise.all(all.map(shownBy));"
+        "const facts = [movedOf(meshes).length, first.material === still.material];"
+        "first.dispose(); await tick(); await tick(); second.motionState.set(0.9, 1);"
+        "const after = [await drawnBy(second), shownBy(still)];"
+        "return [[before, after], facts, error()]"
+    )
+    assert (facts, errors) == ([2, True], 0)
+    stored = read_gltf(PATH).accessor(MOVED["attributes"]["POSITION"])
+    expected = [points_at(0.3), points_at(0.6), stored, points_at(0.9), stored]
+    for points, own in zip([*before, *after], expected, strict=True):
+        assert_close(points, own)
+
+
+def test_the_box_of_instances_is_around_all_of_them(page: Browser) -> None:
+    shown, boxes, errors = page.run(
+        "const { meshes } = await load('instanced'); const flags = movedOf(meshes);"
+        "for (const flag of flags) flag.motionState.set(0.6, 1); await tick();"
+        "const boxes = flags.map((flag) => { const { minimum, maximum } = flag.getBoundingInfo();"
+        " return [flag.thinInstanceCount, minimum.asArray(), maximum.asArray()]; });"
+        "return [await Promise.all(flags.map((one) => drawnBy(one))), boxes, error()]"
+    )
+    own: Any = MOVED["extensions"][NAME]
+    for points in shown:
+        assert_close(points, points_at(0.6))
+    assert len(boxes) == 2
+    for count, low, high in boxes:
+        assert (count, low) == (2, pytest.approx(own["min"]))
+        assert high == pytest.approx(np.add(own["max"], [2, 0, 0]))
+    assert errors == 0
 
 
 def test_tangents_turn_with_their_normals(page: Browser) -> None:
