@@ -196,6 +196,8 @@ def _frames_at(animation: Animation, text: str) -> tuple[int, int]:
 
 
 def _tell(report: CutReport, output: str, *, as_json: bool) -> None:
+    from pdecodec.codec.container import notices_of_unknown
+
     if as_json:
         print_json({"output": output, **vars(report)}, outputs_are_written=True)
     again = f"; {counted(report.coded_again, 'frame')} coded" if report.coded_again else ""
@@ -204,6 +206,5 @@ def _tell(report: CutReport, output: str, *, as_json: bool) -> None:
         f"{report.first_time:g} to {report.last_time:g} s, {byte_size(report.file_bytes)}{again}"
     )
     if report.lost_fields:
-        say(f"note: fields not kept, which only some of the files have: {', '.join(report.lost_fields)}")
-    if report.lost_sections:
-        say(f"note: sections not kept, which this version does not know: {', '.join(report.lost_sections)}")
+        say(f"note: fields not kept: {', '.join(report.lost_fields)}; only some of the files have them")
+    say_notices(notices_of_unknown(report.lost_sections))

@@ -1,12 +1,13 @@
 // The decoder: a run of frames of an open file. Begin here. From the bytes to a position:
 //
-// container.hpp source of the bytes, and the table of sections; fields.hpp reads numbers from a section file.hpp a
-// file: its times, and the places of the sections of each run; headers.hpp: SEQN, MODL, GRUP run_sections.hpp one run:
-// names, connectivity, reference frame, attributes, space basis, decoded on first use decoded_cache.hpp decoded parts
-// of motion and fields, within one byte budget group_cache.hpp decodes groups of frames; groups_ahead.hpp reads them
-// ahead, decoded_group.hpp decodes one evaluator.hpp positions, velocities, accelerations at times, from groups;
-// evaluate/ has the loops stored_fields.hpp fields: values that change in time on vertices, faces, corners, objects or
-// cells; field_headers.hpp reads their headers (FLDS)
+// - container.hpp: source of the bytes, and the table of sections; fields.hpp reads numbers from a section
+// - file.hpp: a file: its times, and the places of the sections of each run; headers.hpp: SEQN, MODL, GRUP
+// - run_sections.hpp: names, connectivity, reference frame, attributes and space basis of a run, decoded on first use
+// - decoded_cache.hpp: decoded parts of motion and fields, within one byte budget
+// - group_cache.hpp: decodes groups of frames; groups_ahead.hpp reads them ahead, decoded_group.hpp decodes one
+// - evaluator.hpp: positions, velocities, accelerations at times, from groups; evaluate/ has the loops
+// - stored_fields.hpp: values that change in time on vertices, faces, corners, objects or cells; field_headers.hpp reads
+//   their headers (FLDS)
 //
 // core/bindings/ exposes all of it to C, Python and WebAssembly.
 #pragma once
@@ -39,9 +40,15 @@ public:
     // Check every byte, and decode everything.
     void verify() {
         const auto guard = turns_.begin_call();
-        for (const SectionEntry &entry : sections_.container().entries()) {
+        const Container &whole = sections_.file().container();
+        std::vector<SectionEntry> entries = sections_.container().entries();
+        // A file of runs with a single run is opened as that run, and has further sections.
+        if (sections_.file().runs().size() == 1 && whole.find("RUNS")) {
+            entries.insert(entries.end(), whole.entries().begin(), whole.entries().end());
+        }
+        for (const SectionEntry &entry : entries) {
             turns_.check_cancelled();
-            sections_.container().check(entry);
+            whole.check(entry);
         }
         sections_.names();
         sections_.reference();

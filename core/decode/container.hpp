@@ -117,7 +117,7 @@ struct SectionEntry : SectionPlace {
 
 class Container {
 public:
-    static constexpr int major_version = 1, minor_version = 0;
+    static constexpr int major_version = 1;
 
     // Read the header and the table. CorruptError if the file is of another kind or damaged.
     explicit Container(Source &source) : source_(source) { read_table(); }

@@ -75,6 +75,7 @@ public:
     // left. threads: number of threads that decode in parallel. `turns` must outlive this object.
     RunSections(std::shared_ptr<const File> file, std::size_t run, int threads, Turns &turns);
 
+    const File &file() const { return *file_; }
     const Container &container() const { return container_; }
     const GroupTable &table() const { return *table_; }
     const Model &model() const { return model_; }

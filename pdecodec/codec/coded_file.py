@@ -67,7 +67,7 @@ class CodedFile:
                 of_file = {kind.type for kind in SECTION_KINDS.values() if kind.of == "file"}
                 self._sections = {
                     **{kind: stored for kind, stored in self._sections.items() if kind in of_file},
-                    **{own.type: StoredSection(own.offset, own.length, None) for own in one.stored_sections},
+                    **{own.type: StoredSection(own.offset, own.length, None) for own in whole.sections_of_run(run)},
                 }
             else:
                 self.animation = whole

@@ -208,12 +208,18 @@ def stored_sections(file: BinaryIO) -> list[tuple[str, StoredSection]]:
     for _ in range(count):
         kind, flags = ENTRY_HEAD.unpack(file.read(ENTRY_HEAD.size))
         length = int.from_bytes(file.read(flags >> LENGTH_WIDTH_SHIFT), "little")
-        found.append((kind.decode("latin-1"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
+        found.append((kind.decode("ascii", "backslashreplace"), length, *CHECKSUM.unpack(file.read(CHECKSUM.size))))
     ends = [*accumulate((length for _, length, _ in found), initial=file.tell())]
     return [
         (kind, StoredSection(offset, length, checksum))
         for offset, (kind, length, checksum) in zip(ends, found, strict=False)
     ]
+
+
+def notices_of_unknown(types: Iterable[str]) -> tuple[str, ...]:
+    """Return a notice about those of a file's sections that this version does not know; empty if it knows all."""
+    unknown = ", ".join(name for name in types if name not in SECTION_KINDS)
+    return (f"sections not kept: {unknown}; this version does not know them",) if unknown else ()
 
 
 def before_groups(head: bytes) -> int:

@@ -14,7 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pdecodec import _core
-from pdecodec.codec.container import BESIDE_MOTION, SCENE_SECTION, SECTION_KINDS, Section, container_pieces
+from pdecodec.codec.container import (
+    BESIDE_MOTION,
+    SCENE_SECTION,
+    SECTION_KINDS,
+    Section,
+    container_pieces,
+    notices_of_unknown,
+)
 from pdecodec.codec.paper_form import PaperForm, paper_form
 from pdecodec.codec.sections.attributes import DOMAINS
 from pdecodec.codec.sections.description import decode_remarks
@@ -80,8 +87,7 @@ class Animation(MeshSequence):
         self._source, self._limits, self._run = source, limits, run
         self._owns_source = run is None
         self._core = core or open_core(source, limits)
-        unknown = ", ".join(stored.type for stored in self._core.sections if stored.type not in SECTION_KINDS)
-        self.notices = (f"sections not kept, which this version does not know: {unknown}",) if unknown else ()
+        self.notices = notices_of_unknown(stored.type for stored in self._core.sections)
         self._file_bytes = self._core.file_bytes
         self._first_frame = first_frame
         self.times, self.fps = self._core.times, self._core.fps
@@ -131,10 +137,9 @@ class Animation(MeshSequence):
             for name, vertices, arrays in zip(names, self._vertex_counts, parts, strict=True)
         )
 
-    @property
-    def stored_sections(self) -> list[_core.Section]:
-        """Offsets and lengths of the sections in the file; for a run, of its own sections."""
-        return self._core.sections
+    def sections_of_run(self, run: int) -> list[_core.Section]:
+        """Return offsets and lengths of a run's own sections in the file."""
+        return self._core.run_sections(run)
 
     @cached_property
     def stored_fields(self) -> list[_core.StoredField]:

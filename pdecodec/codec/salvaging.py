@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pdecodec.codec.decoder import Animation
 from pdecodec.codec.mending import mended
 from pdecodec.codec.opening import open_animation
+from pdecodec.codec.sections.scene import Carrier
 from pdecodec.codec.source import DecodeLimits, chosen_limits
 from pdecodec.errors import CorruptFileError, LimitError, unreadable
 from pdecodec.mesh.arrays import Float32Array, Int64Array
@@ -154,9 +155,11 @@ class _Saved:
         except CorruptFileError as error:
             self.metadata = {}
             self._lost[f"metadata ({error.message})"] = None
+        self._scene: Carrier | None = None
         try:
             if (scene := animation.carried) is not None:
                 scene.files(limits.max_memory)
+                self._scene = scene
         except LimitError:
             raise
         except CorruptFileError as error:
@@ -266,8 +269,13 @@ class _Saved:
             vertices=[int(self.animation.run_vertices[number]) for number in numbers],
             fps=self.animation.fps,
             metadata=self.metadata,
+            notices=self.animation.notices,
         )
 
     def _sound(self, number: int) -> SoundFrames:
         run = self._run(number)
-        return SoundFrames(run, self.frames[number], self._objects(run), self.metadata, self._fields[number])
+        found = SoundFrames(run, self.frames[number], self._objects(run), self.metadata, self._fields[number])
+        found.notices = self.animation.notices
+        if run is self.animation:
+            found.carried = self._scene
+        return found

@@ -12,6 +12,7 @@ import pdecodec
 from pdecodec.cli.main import run
 from pdecodec.codec.container import stored_sections
 from spec.sealing import take_apart
+from spec.vector_files import accepted_vectors
 from tests.codec.test_cutting import clip, paper, waves
 from tests.codec.test_runs import fluid
 from tests.support.damage import place_in_run
@@ -125,6 +126,16 @@ def test_a_damaged_header_or_table_or_more_bytes_at_the_end_lose_nothing(clip: P
     with pdecodec.salvage(longer) as saved, pdecodec.open(clip) as whole:
         assert saved.is_whole
         assert (saved.sequence.read_frames(5, 9) == whole.read_frames(5, 9)).all()
+
+
+def test_the_scene_is_saved_and_sections_of_a_later_version_are_named(tmp_path: Path) -> None:
+    for name in ("minor_version_1", "runs_of_minor_version_1"):
+        path = tmp_path / f"{name}.pdeanim"
+        path.write_bytes(accepted_vectors()[name])
+        with pdecodec.salvage(damaged(path, tmp_path, 24)) as saved, pdecodec.open(path) as whole:
+            assert saved.is_whole
+            assert saved.sequence.notices == whole.notices != ()
+            assert saved.sequence.carried == (None if "runs" in name else whole.carried)
 
 
 def test_damaged_remarks_lose_the_metadata_alone(clip: Path, tmp_path: Path) -> None:

@@ -41,8 +41,6 @@ public:
 
     // The file, and a run: the only one, or the chosen one. Both are kept alive while they are used.
     struct Opened {
-        const Container &container() const { return animation ? animation->sections().container() : file->container(); }
-
         std::shared_ptr<const File> file;
         std::shared_ptr<Animation> animation;
     };
@@ -70,6 +68,11 @@ public:
         std::shared_ptr<Animation> found = opened().animation;
         if (!found) throw ArgumentError("the file has several runs of frames; choose one");
         return found;
+    }
+
+    // Return the sections of the file, or of the chosen run.
+    const Container &container_of(const Opened &own) const {
+        return run_ ? own.animation->sections().container() : own.file->container();
     }
 
     // Run `work` on the animation with the interpreter lock released.
@@ -249,11 +252,13 @@ void verify(PyAnimation &self) {
     }
 }
 
-// Check the bytes of a section, of a run or of a file with several runs.
+// Check the bytes of a section of the run if it has that section, else of the file.
 void check_section(PyAnimation &self, const std::string &type) {
     const auto own = self.opened();
     const nb::gil_scoped_release release;
-    own.container().check(own.container().entry(type));
+    const bool has_run_it = own.animation && own.animation->sections().container().find(type);
+    const Container &container = has_run_it ? own.animation->sections().container() : own.file->container();
+    container.check(container.entry(type));
 }
 
 // Check the bytes of a group of frames.
@@ -415,7 +420,11 @@ void bind_animation(nb::module_ &module) {
             "open_run", [](PyAnimation &self, std::size_t run) { return new PyAnimation(self, check_run(self, run)); },
             nb::arg("run"))
         .def_prop_ro("vertex_counts", &vertex_counts)
-        .def_prop_ro("sections", [](PyAnimation &self) { return listed(self.opened().container()); })
+        .def_prop_ro("sections",
+                     [](PyAnimation &self) {
+                         const auto own = self.opened();
+                         return listed(self.container_of(own));
+                     })
         .def_prop_ro("file_bytes", [](PyAnimation &self) { return self.opened().file->container().file_bytes(); })
         .def_prop_ro("groups", &groups)
         .def_prop_ro("model", &model)
