@@ -40,16 +40,10 @@ public:
     // Check every byte, and decode everything.
     void verify() {
         const auto guard = turns_.begin_call();
-        const Container &whole = sections_.file().container();
-        std::vector<SectionEntry> entries = sections_.container().entries();
+        check_sections(sections_.container());
         // A file of runs with a single run is opened as that run, and has further sections.
-        if (sections_.file().runs().size() == 1 && whole.find("RUNS")) {
-            entries.insert(entries.end(), whole.entries().begin(), whole.entries().end());
-        }
-        for (const SectionEntry &entry : entries) {
-            turns_.check_cancelled();
-            whole.check(entry);
-        }
+        const File &file = sections_.file();
+        if (file.runs().size() == 1 && file.container().find("RUNS")) check_sections(file.container());
         sections_.names();
         sections_.reference();
         turns_.check_cancelled();
@@ -72,6 +66,13 @@ public:
     StoredFields &stored_fields() { return stored_fields_; }
 
 private:
+    void check_sections(const Container &container) {
+        for (const SectionEntry &entry : container.entries()) {
+            turns_.check_cancelled();
+            container.check(entry);
+        }
+    }
+
     static int threads_of(const Options &options) {
         return options.threads > 0 ? options.threads : static_cast<int>(most(std::thread::hardware_concurrency(), 1u));
     }
