@@ -135,12 +135,14 @@ def main() -> None:
     arguments = parser.parse_args()
     if importlib.util.find_spec("ziglang") is None or importlib.util.find_spec("auditwheel") is None:
         sys.exit("the packages ziglang and auditwheel are missing")
-    for architecture in arguments.architectures:
-        compiler = find_compiler(architecture)
+    compilers = {architecture: find_compiler(architecture) for architecture in arguments.architectures}
+    for architecture, compiler in compilers.items():
         if compiler is None:
             print(f"{architecture}: skipped, there is no {' or '.join(COMPILERS[architecture])} for it")
-            continue
-        print(build_wheel(arguments.folder, architecture, compiler))
+        else:
+            print(build_wheel(arguments.folder, architecture, compiler))
+    if not any(compilers.values()):
+        sys.exit("no wheel was built")
 
 
 if __name__ == "__main__":

@@ -36,6 +36,7 @@ STYLE = """\
 #show table: set text(8.5pt)
 #show table: set align(left)
 #show table: set par(justify: false)
+#show table.cell.where(y: 0): strong
 #set table(stroke: (x, y) => (bottom: 0.3pt + luma(190)), inset: (x: 4pt, y: 3pt))
 """
 

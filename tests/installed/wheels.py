@@ -97,10 +97,10 @@ def used(command: list[str], folder: Path, **environment: str) -> Any:
 
 def differences(found: Any, expected: Any) -> list[str]:
     return [
-        f"{kind} {name}: {outcomes.get(name)}, not {outcome}"
-        for kind, outcomes in found["outcomes"].items()
-        for name, outcome in expected["outcomes"][kind].items()
-        if outcomes.get(name) != outcome
+        f"{kind} {name}: {found['outcomes'][kind].get(name)}, not {outcome}"
+        for kind, outcomes in expected["outcomes"].items()
+        for name, outcome in outcomes.items()
+        if found["outcomes"][kind].get(name) != outcome
     ]
 
 
@@ -108,7 +108,7 @@ def main(folder: Path, named: list[str]) -> None:
     with tempfile.TemporaryDirectory() as scratch:
         expected = used([sys.executable], Path(scratch, "here"))
         counts = {kind: len(outcomes) for kind, outcomes in expected["outcomes"].items()}
-        failed = False
+        failed = tried = False
         for number, python in enumerate(interpreters(named)):
             place = Path(scratch, str(number))
             wheel = python.wheel(folder)
@@ -121,9 +121,10 @@ def main(folder: Path, named: list[str]) -> None:
                 sys.exit(f"{shlex.join(command)} used {found['package']}")
             faults = differences(found, expected)
             failed |= bool(faults)
+            tried = True
             summary = SUMMARY.format(python=found["python"], **counts)
             print(f"{wheel.name}, {summary}: {'OTHER BITS' if faults else 'same bits'}", *faults, sep="\n", flush=True)
-    sys.exit(failed)
+    sys.exit(failed if tried else f"no Python here takes a wheel of {folder}")
 
 
 if __name__ == "__main__":
