@@ -2,7 +2,8 @@
 
 Copies the Markdown files that `docs/site/pages.toml` lists to a folder, and adds the player on the first page and the
 reference of Python. Sphinx makes the site from this folder; every warning is an error. Then all links of the site are
-checked; broken ones are errors, and so are files that a page loads from other hosts.
+checked; broken ones are errors, and so are files that a page loads from other hosts. The theme is furo: its pages,
+search included, work from a local folder.
 """
 
 from __future__ import annotations
