@@ -163,11 +163,14 @@ HOSTILE: dict[str, tuple[dict[str, Any], str]] = {
 }  # fmt: skip
 
 
-def hostile(path: Path, layer: str, **cuts: Any) -> Path:
-    """Write a file that carries a layer, and what was cut out of it."""
-    listed = json.dumps({"root": "a.usda", "companions": [], "arrays": [], **cuts}).encode()
-    clip = pdecodec.ArraySequence(np.random.default_rng(1).normal(size=(3, 3, 3)), faces=[[0, 1, 2]])
-    clip.carried = Carrier.of("usd", [], [], {"cuts": listed, "files/a.usda": layer.encode()})
+def hostile(path: Path, layer: str | bytes, *, triangles: int = 1, **cuts: Any) -> Path:
+    """Write a file that carries a layer, by the name of the root, and what was cut out of it."""
+    cuts = {"root": "a.usda", "companions": [], "arrays": [], **cuts}
+    content = layer.encode() if isinstance(layer, str) else layer
+    faces = np.arange(3 * triangles).reshape(-1, 3)
+    clip = pdecodec.ArraySequence(np.random.default_rng(1).normal(size=(3, faces.size, 3)), faces=faces)
+    name = "a.usda" if cuts["root"] != "a.pdeanim" else "a.pdeanim"
+    clip.carried = Carrier.of("usd", [], [], {"cuts": json.dumps(cuts).encode(), f"files/{name}": content})
     pdecodec.encode(clip, path)
     return path
 
@@ -182,13 +185,30 @@ def test_a_hostile_scene_leaves_the_meshes(tmp_path: Path, name: str, capfd: pyt
     assert f"{path}: the meshes are shown without the scene around them: " in capfd.readouterr().err
 
 
+USES = """
+def "r" (references = @@</mesh>) {}
+def "p" (payload = @@</mesh>) {}
+def "v" (
+    variants = { string choice = "one" }
+    prepend variantSets = "choice"
+) {
+    variantSet "choice" = {
+        "one" (references = @@</mesh>) {
+        }
+    }
+}
+"""
+"""Prims that name a layer which a sublayer names, too."""
+
+
 @pytest.mark.parametrize(
     "name", ["{0}/other.usda", "./other.usda", "{0}/a.pdeanim", "./a.pdeanim:SDF_FORMAT_ARGS:fps=3"]
 )
 def test_opening_a_scene_reads_no_other_file(tmp_path: Path, name: str) -> None:
     other = tmp_path / "other.usda"
     other.write_text('#usda 1.0\nover "mesh" {\n custom string secret = "read"\n}\n')
-    layer = GOOD.replace("#usda 1.0", f"#usda 1.0\n(subLayers = [@{name.format(tmp_path)}@])")
+    asset = f"@{name.format(tmp_path)}@"
+    layer = GOOD.replace("#usda 1.0", f"#usda 1.0\n(subLayers = [{asset}])") + USES.replace("@@", asset)
     found = Sdf.Layer.FindOrOpen(str(hostile(tmp_path / "a.pdeanim", layer)))
     assert found.GetPrimAtPath("/mesh")
     assert not Sdf.Layer.Find(str(other))
@@ -197,9 +217,38 @@ def test_opening_a_scene_reads_no_other_file(tmp_path: Path, name: str) -> None:
     assert stage.GetPrimAtPath("/mesh").GetAttribute("secret").Get() == ("read" if "other" in name else None)
 
 
-def test_a_scene_is_read_within_the_memory_limit(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    path = hostile(tmp_path / "a.pdeanim", GOOD + "#" * (10 << 20))
-    assert opened(path, memory=8).GetPrimAtPath("/mesh")
+def test_a_clip_within_a_clip_is_no_layer_of_its_scene(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    # Each would be opened while the one around it is.
+    path = hostile(tmp_path / "a.pdeanim", GOOD)
+    for _ in range(3):
+        path = hostile(tmp_path / f"{path.stem}b.pdeanim", path.read_bytes(), root="a.pdeanim")
+    assert opened(path).GetPrimAtPath("/mesh")
+    assert "has no layer of USD 'a.pdeanim'" in capfd.readouterr().err
+
+
+BOMBS: dict[str, tuple[str, dict[str, Any]]] = {
+    "a long layer": (GOOD + "#" * (10 << 20), {}),
+    "references to references": (
+        GOOD
+        + "".join(
+            f'class "c{i}" {{\n def "a" (references = </c{i + 1}>) {{}}\n def "b" (references = </c{i + 1}>) {{}}\n}}\n'
+            for i in range(12)
+        )
+        + 'class "c12" {}\ndef "all" (references = </c0>) {}\n',
+        {},
+    ),
+    "a long list": (GOOD, {"companions": [[]] * 50000}),
+    "one array many times": (
+        GOOD.replace("    point3f", "".join(f"    int[] x{i}\n" for i in range(300)) + "    point3f"),
+        {"triangles": 3000, "arrays": [["a.usda", f"/mesh.x{i}", 0, "faceVertexIndices", ""] for i in range(300)]},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_a_scene_is_shown_within_the_memory_limit(tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]) -> None:
+    layer, options = BOMBS[name]
+    assert opened(hostile(tmp_path / "a.pdeanim", layer, **options), memory=8).GetPrimAtPath("/mesh")
     assert "more memory than the memory limit allows" in capfd.readouterr().err
 
 

@@ -10,6 +10,9 @@ namespace {
 // Limits of section SCEN (26 of the specification).
 constexpr std::uint64_t max_entries = 1 << 16, max_text = 4096, max_content = 1ull << 40;
 
+// Memory that a JSON text takes when it is parsed, at most, as a multiple of its size.
+constexpr std::uint64_t json_memory = 64;
+
 // Largest size of the names and sizes before the streams [bytes]: of as many streams as there may be.
 constexpr std::uint64_t max_head = 1 << 25;
 
@@ -113,7 +116,7 @@ private:
 }  // namespace
 
 Carrier::Carrier(std::shared_ptr<ArAsset> asset, std::uint64_t offset, std::uint64_t size, std::uint64_t max_memory)
-    : asset_(std::move(asset)) {
+    : asset_(std::move(asset)), max_memory_(max_memory) {
     // Names and sizes; the streams that follow are read when they are needed.
     std::string head(std::min<std::uint64_t>(size, max_head), '\0');
     if (asset_->Read(head.data(), head.size(), offset) != head.size()) fail();
@@ -133,11 +136,16 @@ Carrier::Carrier(std::shared_ptr<ArAsset> asset, std::uint64_t offset, std::uint
         whole += one.size;
         packed += one.packed;
         if (whole > max_content || packed > size || !streams_.emplace(name, one).second) fail();
-        if (whole > max_memory) throw Failure("the scene needs more memory than the memory limit allows");
+        reserve(one.size);
     }
     if (fields.place() + packed != size) fail();
     for (auto &[name, one] : streams_) one.offset += offset + fields.place();
     if (is_usd()) read_cuts();
+}
+
+void Carrier::reserve(std::uint64_t bytes) const {
+    reserved_ += bytes;
+    if (reserved_ > max_memory_) throw Failure("the scene needs more memory than the memory limit allows");
 }
 
 std::string Carrier::unpacked(const std::string &name) const {
@@ -153,6 +161,7 @@ std::string Carrier::unpacked(const std::string &name) const {
 }
 
 void Carrier::read_cuts() {
+    if (const auto found = streams_.find("cuts"); found != streams_.end()) reserve(found->second.size * json_memory);
     const JsObject cuts = json_object(unpacked("cuts"), "the cuts of the scene (section SCEN)");
     const auto root = cuts.find("root");
     if (root == cuts.end() || !root->second.IsString() || !has(root->second.GetString())) fail();

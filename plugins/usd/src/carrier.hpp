@@ -41,6 +41,9 @@ public:
     // Return the content of a file. Raise Failure if it is damaged.
     std::string content(const std::string &name) const { return unpacked("files/" + name); }
 
+    // Count memory that showing the scene takes [bytes]. Raise Failure if all of it is more than the limit.
+    void reserve(std::uint64_t bytes) const;
+
     // Path of the root layer below its folder.
     const std::string &root() const { return root_; }
     const std::vector<CutSample> &samples() const { return samples_; }
@@ -58,6 +61,8 @@ private:
     void read_cuts();
 
     std::shared_ptr<ArAsset> asset_;
+    std::uint64_t max_memory_;
+    mutable std::uint64_t reserved_ = 0;
     std::string family_, root_;
     std::map<std::string, Stream> streams_;
     std::multimap<std::string, CutArray> arrays_;

@@ -16,6 +16,9 @@ const TfToken spline_field("spline");
 // Prims above each other, as far as recursion can bear.
 constexpr std::size_t max_depth = 1000;
 
+// Memory that a composed prim takes, and each place where its opinions may come from: references multiply both.
+constexpr std::uint64_t prim_bytes = 4096, node_bytes = 256;
+
 bool is_block(const VtValue &value) { return value.IsHolding<SdfValueBlock>(); }
 
 Varying samples_of(const SdfLayerHandle &layer, const SdfPath &path, const SdfLayerOffset &offset) {
@@ -123,8 +126,8 @@ bool Prim::has_targets(const std::string &relationship) const {
     return !targets.empty();
 }
 
-Composition::Composition(const SdfLayerRefPtr &root)
-    : cache_(std::make_unique<PcpCache>(PcpLayerStackIdentifier(root), "usd", true)) {
+Composition::Composition(const SdfLayerRefPtr &root, const Carrier &carrier)
+    : carrier_(carrier), cache_(std::make_unique<PcpCache>(PcpLayerStackIdentifier(root), "usd", true)) {
     PcpErrorVector errors;
     cache_->ComputeLayerStack(cache_->GetLayerStackIdentifier(), &errors);
     TfTokenVector names;
@@ -146,6 +149,8 @@ void Composition::visit(const SdfPath &path, Above above) {
         cache_->RequestPayloads({path}, {});
         index = &cache_->ComputePrimIndex(path, &errors);
     }
+    const auto nodes = index->GetNodeRange();
+    carrier_.reserve(prim_bytes + node_bytes * std::distance(nodes.first, nodes.second));
     const Prim prim(*index);
     // USD draws prims that are defined, active and not abstract.
     SdfSpecifier specifier = SdfSpecifierOver;

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "carrier.hpp"
 #include "placement.hpp"
 
 namespace pdeanim_usd {
@@ -54,8 +55,8 @@ struct ScenePrim {
 // The prims of a scene.
 class Composition {
 public:
-    // Compose the stage of a layer.
-    explicit Composition(const SdfLayerRefPtr &root);
+    // Compose the stage of a layer, within the memory limit of the scene.
+    Composition(const SdfLayerRefPtr &root, const Carrier &carrier);
 
     // Return the prims that may be shapes, in order.
     const std::vector<ScenePrim> &shapes() const { return shapes_; }
@@ -73,6 +74,7 @@ private:
 
     void visit(const SdfPath &path, Above above);
 
+    const Carrier &carrier_;
     std::unique_ptr<PcpCache> cache_;
     std::vector<ScenePrim> shapes_;
     std::vector<std::string> instances_;

@@ -285,7 +285,7 @@ SceneLayers isolated_layers(const Clip &clip, const Carrier &carrier, const SdfL
     for (const auto &[name, layer] : found) {
         for (const std::string &one : layer->GetCompositionAssetDependencies()) {
             const auto other = found.find(name_of(one));
-            layer->UpdateCompositionAssetDependency(one, other == found.end() ? "" : other->second->GetIdentifier());
+            rename_dependency(layer, one, other == found.end() ? "" : other->second->GetIdentifier());
         }
     }
     return found;
@@ -299,7 +299,7 @@ SceneLayer scene_layer_of(std::shared_ptr<const Clip> clip, const Carrier &carri
     const SdfLayerRefPtr root = open_scene_layer(*clip, carrier, carrier.root(), arguments);
     const auto evaluator = std::make_shared<const Evaluator>(clip, fps, max_kept, rate_of(root));
     const SceneLayers layers = isolated_layers(*clip, carrier, root, arguments);
-    const Composition composition(layers.at(carrier.root()));
+    const Composition composition(layers.at(carrier.root()), carrier);
     const SdfChangeBlock block;
     return {root, evaluator, Over(*evaluator, carrier, root, layers, composition).write()};
 }

@@ -25,6 +25,9 @@ struct SceneLayer {
 SdfLayerRefPtr open_scene_layer(const Clip &clip, const Carrier &carrier, const std::string &name,
                                 SdfFileFormat::FileFormatArguments arguments);
 
+// Change the name of a file in the sublayers, references and payloads of a layer; an empty name removes them.
+void rename_dependency(const SdfLayerRefPtr &layer, const std::string &name, const std::string &other);
+
 // Return the root layer of a scene with the clip's motion. `fps` and `max_kept` are those of an Evaluator. Raise Failure if the
 // motion does not fit the scene.
 SceneLayer scene_layer_of(std::shared_ptr<const Clip> clip, const Carrier &carrier, double fps, std::size_t max_kept,

@@ -10,6 +10,11 @@ namespace {
 
 const std::string udim_mark = "<UDIM>", first_udim = "1001";
 
+bool is_layer(const std::string &name) {
+    const std::string extension = TfStringToLower(TfGetExtension(name));
+    return extension == "usd" || extension == "usda" || extension == "usdc";
+}
+
 // Rewrites the names of files in a layer.
 class Renaming {
 public:
@@ -19,7 +24,7 @@ public:
 
     void rewrite(const SdfLayerRefPtr &layer) const {
         for (const std::string &name : layer->GetCompositionAssetDependencies()) {
-            layer->UpdateCompositionAssetDependency(name, renamed(name));
+            rename_dependency(layer, name, renamed(name));
         }
         layer->Traverse(SdfPath::AbsoluteRootPath(), [&](const SdfPath &path) {
             const bool is_asset =
@@ -54,16 +59,13 @@ private:
             if (!inner.empty() || !is_layer(one)) {
                 return ArJoinPackageRelativePath(std::vector<std::string>{clip_.path(), one, inner});
             }
+            // The scene does not choose the memory limit.
+            arguments.erase("memory");
             arguments.insert(arguments_.begin(), arguments_.end());
             arguments[layer_argument] = one;
             return SdfLayer::CreateIdentifier(clip_.path(), arguments);
         }
         return folder_.empty() ? name : here;
-    }
-
-    static bool is_layer(const std::string &name) {
-        const std::string extension = TfStringToLower(TfGetExtension(name));
-        return extension == "usd" || extension == "usda" || extension == "usdc";
     }
 
     // Rewrite the names in a value; return whether there were any.
@@ -93,7 +95,7 @@ private:
 };
 
 // Return an array of an object that a layer lacks.
-VtValue array_of(pdeanim_animation *animation, const CutArray &cut) {
+VtValue array_of(pdeanim_animation *animation, const Carrier &carrier, const CutArray &cut) {
     pdeanim_error error;
     pdeanim_object object;
     check(pdeanim_get_object(animation, cut.object, &object, &error), error);
@@ -102,11 +104,15 @@ VtValue array_of(pdeanim_animation *animation, const CutArray &cut) {
     // Return rows in the order that the layer has them in.
     const auto made = [&](const ArrayType *type, const void *rows, std::int64_t count) {
         if (!type) throw Failure("the scene (section SCEN) lacks an array of a type that no attribute has");
+        carrier.reserve(static_cast<std::uint64_t>(count) * type->row_bytes);
         if (cut.part != "turned") return type->make(rows, count);
         if (count != object.corner_count) throw Failure("the scene (section SCEN) does not fit the meshes");
         return type->make(rows_in_order(rows, type->row_bytes, reversed_corners(sizes)).data(), count);
     };
-    if (cut.array == "faceVertexCounts") return array_type("", whole, 1)->make(object.face_sizes, object.face_count);
+    if (cut.array == "faceVertexCounts") {
+        carrier.reserve(sizes.size_bytes());
+        return array_type("", whole, 1)->make(object.face_sizes, object.face_count);
+    }
     if (cut.array == "faceVertexIndices")
         return made(array_type("", whole, 1), object.face_indices, object.corner_count);
     std::int64_t count;
@@ -125,9 +131,16 @@ VtValue array_of(pdeanim_animation *animation, const CutArray &cut) {
 
 }  // namespace
 
+void rename_dependency(const SdfLayerRefPtr &layer, const std::string &name, const std::string &other) {
+    // A first call changes only sublayers, if there is one of this name.
+    for (int call = 0; name != other && call < 2; ++call) layer->UpdateCompositionAssetDependency(name, other);
+}
+
 SdfLayerRefPtr open_scene_layer(const Clip &clip, const Carrier &carrier, const std::string &name,
                                 SdfFileFormat::FileFormatArguments arguments) {
-    if (!carrier.has(name)) throw Failure("the scene (section SCEN) has no layer '" + name + "'");
+    // Another format may open its files in turn: .pdeanim does.
+    if (!carrier.has(name) || !is_layer(name))
+        throw Failure("the scene (section SCEN) has no layer of USD '" + name + "'");
     const std::string place = ArJoinPackageRelativePath(clip.path(), name);
     // USD's errors are in the thread's list until they are taken out. Its functions for single errors, which the headers hold,
     // need the very TBB that USD is built with.
@@ -139,7 +152,7 @@ SdfLayerRefPtr open_scene_layer(const Clip &clip, const Carrier &carrier, const 
     const SdfChangeBlock block;
     const std::shared_ptr<const Run> run = clip.run(0);
     for (const CutArray &cut : carrier.arrays_of(name)) {
-        const VtValue value = array_of(run->handle(), cut);
+        const VtValue value = array_of(run->handle(), carrier, cut);
         const TfToken type = layer->GetFieldAs<TfToken>(cut.attribute, SdfFieldKeys->TypeName);
         if (SdfSchema::GetInstance().FindType(type).GetDefaultValue().GetType() != value.GetType()) {
             throw Failure("the scene (section SCEN) does not fit the meshes");
