@@ -129,10 +129,13 @@ class GltfBuilder:
         """Copy the bytes of the existing file's buffer views that are still there."""
         there = {id(one) for one in self.root.get("bufferViews", ())}
         parts: dict[int, list[dict[str, Any]]] = {}
+        count = 0 if self._source is None else len(self._source.buffers)
         for view in self._kept:
             packed = [view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})]
             for entry in (view, *packed) if id(view) in there else ():
-                parts.setdefault(entry["buffer"], []).append(entry)
+                # What is damaged, and was not needed to read the motion, stays as it is.
+                if "byteLength" in entry and entry.get("buffer", count) < count:
+                    parts.setdefault(entry["buffer"], []).append(entry)
         for index, entries in sorted(parts.items()):
             assert self._source is not None
             data = self._source.buffers[index]

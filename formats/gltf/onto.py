@@ -113,7 +113,7 @@ class _Onto(GltfScene):
         """Remove animations of the morph weights of nodes, which get new ones, and of meshes that are replaced."""
         replaced = {f"/nodes/{node}/weights" for node in moved} | {f"/meshes/{mesh}/weights" for mesh in self._free}
         for animation in self._animations:
-            targets = [channel["target"] for channel in animation["channels"]]
+            targets = [channel.get("target", {}) for channel in animation.setdefault("channels", [])]
             pointers = [one.get("extensions", {}).get(POINTER, {}).get("pointer", "") for one in targets]
             animation["channels"][:] = [
                 channel
@@ -231,7 +231,7 @@ class _Onto(GltfScene):
     def _settle_extensions(self) -> None:
         """Undeclare geometry extensions that are no longer used."""
         root = self._builder.root
-        primitives = [one for mesh in root["meshes"] for one in mesh["primitives"]]
+        primitives = [one for mesh in root["meshes"] for one in mesh.get("primitives", ())]
         there = {
             DRACO: any(DRACO in one.get("extensions", {}) for one in primitives),
             INSTANCING: any(INSTANCING in node.get("extensions", {}) for node in root["nodes"]),

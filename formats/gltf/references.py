@@ -34,7 +34,7 @@ def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[
         Adds rows with a target of buffer views, and returns the members of an accessor that say where the rows are.
     """
     for animation in root.get("animations", ()):
-        _keep(animation, "samplers", [(one, "sampler") for one in animation["channels"]], 0)
+        _keep(animation, "samplers", [(one, "sampler") for one in animation.get("channels", ())], 0)
     accessors = root.get("accessors", [])
     most = max(len(accessors), len(root.get("bufferViews", ())))
     fixed = 1 + max((one for one in numbers_of_unknown(root) if one < most), default=-1)
@@ -106,13 +106,13 @@ def _rows(file: GltfFile, index: int, *, is_attribute: bool) -> tuple[NDArray[An
 
 def _primitives(root: dict[str, Any]) -> Iterator[dict[str, Any]]:
     for mesh in root.get("meshes", ()):
-        yield from mesh["primitives"]
+        yield from mesh.get("primitives", ())
 
 
 def _attribute_owners(root: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """Yield the objects whose members are accessors of attributes."""
     for one in _primitives(root):
-        yield from (one["attributes"], *one.get("targets", ()))
+        yield from (one.get("attributes", {}), *one.get("targets", ()))
     for node in root.get("nodes", ()):
         if INSTANCING in node.get("extensions", {}):
             yield node["extensions"][INSTANCING].get("attributes", {})
@@ -122,7 +122,8 @@ def _accessor_sites(root: dict[str, Any]) -> Iterator[Site]:
     owners: list[tuple[dict[str, Any], tuple[str, ...]]] = [(one, tuple(one)) for one in _attribute_owners(root)]
     for one in _primitives(root):
         owners += [(one, ("indices",)), (one.get("extensions", {}).get(MESH_MOTION, {}), ("vertexMap",))]
-    owners += [(one, ("input", "output")) for animation in root.get("animations", ()) for one in animation["samplers"]]
+    samplers = (one for animation in root.get("animations", ()) for one in animation.get("samplers", ()))
+    owners += [(one, ("input", "output")) for one in samplers]
     owners += [(skin, ("inverseBindMatrices",)) for skin in root.get("skins", ())]
     yield from ((owner, key) for owner, keys in owners for key in keys if key in owner)
 

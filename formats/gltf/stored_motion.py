@@ -153,7 +153,7 @@ def drop_motions(root: dict[str, Any], meshes: Collection[int]) -> list[int]:
     using = {
         index
         for index, mesh in enumerate(root.get("meshes", ()))
-        if any(MESH_MOTION in one.get("extensions", {}) for one in mesh["primitives"])
+        if any(MESH_MOTION in one.get("extensions", {}) for one in mesh.get("primitives", ()))
     }
     if MESH_MOTION not in root.get("extensions", {}) or not using <= set(meshes):
         return []
@@ -168,4 +168,4 @@ def drop_motions(root: dict[str, Any], meshes: Collection[int]) -> list[int]:
             root[kind] = [name for name in root[kind] if name != MESH_MOTION]
             if not root[kind]:
                 del root[kind]
-    return [one["bufferView"] for one in dropped.get("motions", ())]
+    return [one["bufferView"] for one in dropped.get("motions", ()) if "bufferView" in one]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 from pathlib import Path
 from typing import Any
 
@@ -132,6 +133,41 @@ def test_what_an_unknown_extension_may_refer_to_keeps_its_number_and_data(
     assert found.root["extensions"] == scene.builder.root["extensions"]
     assert found.view_bytes(0) == made.view_bytes(0)
     assert found.root["meshes"][0]["primitives"][0]["attributes"]["POSITION"] != 0
+
+
+DAMAGE: dict[str, dict[str, Any]] = {
+    "a mesh without primitives": {"meshes": {}},
+    "a primitive without attributes": {"meshes": {"primitives": [{}]}},
+    "an animation without channels": {"animations": {"samplers": []}},
+    "an animation without samplers": {"animations": {"channels": [{"sampler": 0, "target": {"path": "scale"}}]}},
+    "a channel without a target": {"animations": {"channels": [{"sampler": 0}], "samplers": [{}]}},
+    "a skin without joints": {"skins": {}},
+    "a picture in a view without a buffer": {"bufferViews": {}, "images": {"bufferView": -1}},
+    "a picture in a view of a missing buffer": {
+        "bufferViews": {"buffer": 7, "byteLength": 9}, "images": {"bufferView": -1}
+    },
+    "a picture in a missing view": {"images": {"bufferView": 99}},
+    "an accessor without a type": {"accessors": {"bufferView": 0}},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_damage_that_no_motion_needs_does_not_matter(damage: dict[str, Any], tmp_path: Path) -> None:
+    source, path = tmp_path / "a.gltf", tmp_path / "b.glb"
+    interleaved(tmp_path / "a.glb")
+    file = read_gltf(tmp_path / "a.glb")
+    root: dict[str, Any] = json.loads(json.dumps(file.root))
+    for kind, entry in damage.items():
+        root.setdefault(kind, []).append(dict(entry))
+    if (image := root["images"][-1])["bufferView"] < 0:
+        image["bufferView"] = len(root["bufferViews"]) - 1
+    data = base64.b64encode(file.buffers[0]).decode()
+    root["buffers"][0]["uri"] = f"data:application/octet-stream;base64,{data}"
+    source.write_text(json.dumps(root))
+    write_onto(moved(source), source, path)
+    with open_sequence(path) as read:
+        assert np.abs(read.read_frames(0, 3) - moved(source).points).max() <= 1e-6
+    assert np.array_equal(values(path, "TEXCOORD_1"), np.full((4, 2), KEPT, np.float32))
 
 
 def test_weights_that_a_pointer_moves_end_and_motions_stay_in_their_animation(tmp_path: Path) -> None:
