@@ -468,9 +468,10 @@ class SceneSequence(MeshSequence):
                 transform = transform_attribute(self.times, matrices)
                 item = dataclasses.replace(item, attributes=(*item.attributes, transform))
         elif shape.connectivity.face_count:
-            # If the transform flattens at the first frame, the last one decides.
-            ends = (self._matrices(shape, frame, frame + 1) for frame in (0, self.frame_count - 1))
-            if mirrors(one[0] for one in ends if one is not None):
+            # As baked transforms decide; matrices are read until one does not flatten.
+            frames = (0, self.frame_count - 1, *range(self.frame_count))
+            found = (self._matrices(shape, frame, frame + 1) for frame in frames)
+            if mirrors(one[0] for one in found if one is not None):
                 item = reverse_faces(item)
         return item
 

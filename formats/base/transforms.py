@@ -4,7 +4,8 @@ An object whose transform was kept has positions in its own space, and the attri
 ``object``: rows of 17 float64, a time [s] and the 16 numbers of a matrix row by row. A point is a row: ``world = [x
 y z 1] M``, so the translation is in the last row. Between its times a matrix is interpolated linearly number by
 number, as in Alembic and USD; before the first and after the last it is constant. A matrix that mirrors turns faces
-inside out; where it is applied, the faces are reversed too.
+inside out; where it is applied, the faces are reversed too. The first frame decides for all; if the matrix flattens
+there, the last one does, then the first that does not. Cells of solids keep the order of their nodes.
 """
 
 from __future__ import annotations
@@ -237,7 +238,7 @@ class BakedTransforms(DerivedSequence):
         return reverse_faces(baked) if self._mirrored(transform) else baked
 
     def _mirrored(self, transform: Attribute | None) -> bool:
-        return transform is not None and mirrors(matrices_at(transform, self.times[[0, -1]]))
+        return transform is not None and mirrors(matrices_at(transform, self.times[[0, -1, *range(self.frame_count)]]))
 
     def _field_values(self, field: Field, start: int, stop: int) -> NDArray[Any]:
         return self._in_scene(field, super()._field_values(field, start, stop), self.times[start:stop])

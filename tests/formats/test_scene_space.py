@@ -118,18 +118,18 @@ def test_turning_and_scaling_reach_an_object_through_its_transform() -> None:
     assert np.array_equal(bake_transforms(placed).read_frames(0, 3), direct.read_frames(0, 3))
 
 
-@pytest.mark.parametrize("scales", [(-1.0, -2.0), (0.0, -1.0)])
-def test_faces_that_a_transform_mirrors_are_turned_around_with_their_corners(scales: tuple[float, float]) -> None:
+@pytest.mark.parametrize("scales", [(-1.0, -2.0), (0.0, -1.0), (0.0, -1.0, 0.0)])
+def test_faces_that_a_transform_mirrors_are_turned_around_with_their_corners(scales: tuple[float, ...]) -> None:
     mirror = np.stack([np.diag([scale, 1.0, 1.0, 1.0]) for scale in scales])
     corners = np.arange(12, dtype=np.float32)
     attributes = (
-        transform_attribute([0, 1], mirror),
+        transform_attribute(range(len(scales)), mirror),
         Attribute("mine", "corner", corners),
         Attribute("uv", "corner", np.stack([corners, corners], axis=1), np.arange(12, dtype=np.int32)[::-1].copy()),
         Attribute("heat", "vertex", corners[:4]),
     )
     item = MeshObject("solid", connectivity_of(4, OUTWARD, [[0, 1, 2]]), attributes)
-    clip = ArraySequence(np.stack([TETRAHEDRON] * 2), objects=[item], times=[0, 1])
+    clip = ArraySequence(np.stack([TETRAHEDRON] * len(scales)), objects=[item], times=np.arange(len(scales)))
     baked = bake_transforms(clip)
     (solid,) = baked.objects
     assert volume(clip) == pytest.approx(1 / 6)
@@ -157,14 +157,17 @@ def test_faces_under_a_transform_that_mirrors_face_outward_whether_it_is_applied
     tmp_path: Path, extension: str
 ) -> None:
     needed(extension)
-    mirror = transform_attribute([0], np.diag([1.0, -1.0, 2.0, 1.0])[None])
+    # The object grows out of nothing and vanishes again.
+    mirror = transform_attribute([0, 1, 2], [np.diag([1.0, -1.0, 2.0, 1.0]) * scale for scale in (0, 1, 0)])
     solid = connectivity_of(4, OUTWARD)
-    clip = ArraySequence(TETRAHEDRON[None], objects=[MeshObject("solid", solid, (mirror,))])
-    with written(clip, tmp_path / f"x.{extension}") as read:
-        assert volume(read) == pytest.approx(2 / 6)
+    clip = ArraySequence(np.stack([TETRAHEDRON] * 3), objects=[MeshObject("solid", solid, (mirror,))], times=[0, 1, 2])
+    with written(clip, tmp_path / f"x.{extension}", transforms="keep") as read:
+        assert volume(bake_transforms(read), 1) == pytest.approx(2 / 6)
+    with open_sequence(tmp_path / f"x.{extension}") as read:
+        assert volume(read, 1) == pytest.approx(2 / 6)
     with open_sequence(tmp_path / f"x.{extension}", transforms="keep") as read:
         assert read.connectivity.same_as(solid)
-        assert volume(bake_transforms(read)) == pytest.approx(2 / 6)
+        assert volume(bake_transforms(read), 1) == pytest.approx(2 / 6)
 
 
 def test_an_attribute_called_transform_that_is_no_transform_is_refused() -> None:
