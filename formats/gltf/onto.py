@@ -23,6 +23,7 @@ from pdecodec.formats.base.onto import Fitted, ShapePlacement
 from pdecodec.formats.base.registry import Output
 from pdecodec.formats.base.scene_reading import listed
 from pdecodec.formats.base.transforms import mirrors
+from pdecodec.formats.gltf.animated_scene import GltfScene, check_size
 from pdecodec.formats.gltf.animation import Nodes, Pose
 from pdecodec.formats.gltf.builder import INDEX_DATA, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.compression import DRACO
@@ -38,7 +39,6 @@ from pdecodec.formats.gltf.rigid_keys import rigid_keys
 from pdecodec.formats.gltf.rigid_objects import place_of
 from pdecodec.formats.gltf.stored_motion import drop_motions
 from pdecodec.formats.gltf.types import INSTANCING, MESH_MOTION, POINTER, VISIBILITY
-from pdecodec.formats.gltf.writer import GltfScene, check_size
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject, MeshSequence
 
