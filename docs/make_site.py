@@ -160,7 +160,10 @@ def make_site(site: Path) -> None:
     """Make the site in a folder, which is emptied first; exit with a message if anything is wrong with it."""
     from sphinx.cmd.build import main as sphinx
 
-    shutil.rmtree(site, ignore_errors=True)
+    if site.exists():
+        if any(site.iterdir()) and not (site / "player.html").exists():
+            raise SystemExit(f"{site} holds something else than a site, and would be emptied")
+        shutil.rmtree(site)
     site.mkdir(parents=True)
     player = make_player(site / "player.html")
     with tempfile.TemporaryDirectory() as folder:
