@@ -16,7 +16,6 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pdecodec.formats.gltf.compression import MESHOPT_NAMES
 from pdecodec.formats.gltf.file import (
     CHUNK_HEADER,
     COMPONENTS,
@@ -27,24 +26,19 @@ from pdecodec.formats.gltf.file import (
     json_bytes,
 )
 from pdecodec.formats.gltf.packing import Coded, Packer, exponential, octahedral, quaternions
-from pdecodec.formats.gltf.references import drop_unused
+from pdecodec.formats.gltf.references import ALIGNMENT, copy_views, drop_unused
 from pdecodec.mesh.arrays import Float32Array, Int64Array
 
 QUANTIZATION, MESHOPT = "KHR_mesh_quantization", "EXT_meshopt_compression"
 
-
 VERTEX_DATA, INDEX_DATA = 34962, 34963
 """glTF's codes for the content of a buffer view (``target``): vertex attributes, vertex indices."""
-
 
 HELD_BYTES, COPIED_BYTES = 2**22, 3 * 2**18
 """Bytes of data that are held in memory before they go to a temporary file, and bytes that are copied at once."""
 
 SHARED_BYTES = 2**20
 """Bytes of rows that are compressed as one buffer view; they are held in memory until then."""
-
-_ALIGNMENT = 4
-"""Parts of a file begin at multiples of this [bytes]."""
 
 
 @dataclass
@@ -125,39 +119,6 @@ class GltfBuilder:
         assert self._source is not None
         drop_unused(self.root, self._source, self._place)
 
-    def _copy_kept(self) -> None:
-        """Copy the bytes of the existing file's buffer views that are still there."""
-        there = {id(one) for one in self.root.get("bufferViews", ())}
-        parts: dict[int, list[dict[str, Any]]] = {}
-        count = 0 if self._source is None else len(self._source.buffers)
-        for view in self._kept:
-            packed = [view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})]
-            for entry in (view, *packed) if id(view) in there else ():
-                # What is damaged, and was not needed to read the motion, stays as it is.
-                if "byteLength" in entry and entry.get("buffer", count) < count:
-                    parts.setdefault(entry["buffer"], []).append(entry)
-        for index, entries in sorted(parts.items()):
-            assert self._source is not None
-            data = self._source.buffers[index]
-            if not data:
-                self._others.append(self.root["buffers"][index])
-                for entry in entries:
-                    entry["buffer"] = len(self._others)
-                continue
-            ranges: list[tuple[int, int, list[dict[str, Any]]]] = []
-            for entry in sorted(entries, key=lambda one: int(one.get("byteOffset", 0))):
-                first = int(entry.get("byteOffset", 0))
-                end = first + int(entry["byteLength"])
-                if ranges and first < ranges[-1][1]:
-                    start, last, members = ranges.pop()
-                    ranges.append((start, max(last, end), [*members, entry]))
-                else:
-                    ranges.append((first - first % _ALIGNMENT, end, [entry]))
-            for start, end, members in ranges:
-                shift = self._append(data[start:end]) - start
-                for entry in members:
-                    entry |= {"buffer": 0, "byteOffset": int(entry.get("byteOffset", 0)) + shift}
-
     def require(self, extension: str) -> None:
         """Declare an extension without which the file cannot be shown."""
         self.use(extension, is_required=True)
@@ -233,7 +194,7 @@ class GltfBuilder:
         mode, found = packed
         view.entry |= {"byteLength": data.nbytes, "byteOffset": self._unpacked}
         self._compressed.append(view.entry)
-        self._unpacked += data.nbytes + -data.nbytes % _ALIGNMENT
+        self._unpacked += data.nbytes + -data.nbytes % ALIGNMENT
         place = {"buffer": 0, "byteOffset": self._append(found), "byteLength": len(found)}
         view.entry["extensions"] = {
             MESHOPT: {**place, "byteStride": data.nbytes // len(data), "count": len(data), "mode": mode}
@@ -242,7 +203,7 @@ class GltfBuilder:
             view.entry["extensions"][MESHOPT]["filter"] = view.filter
 
     def _append(self, data: bytes | memoryview) -> int:
-        self._data.write(bytes(-self._data.tell() % _ALIGNMENT))
+        self._data.write(bytes(-self._data.tell() % ALIGNMENT))
         offset = self._data.tell()
         self._data.write(data)
         if isinstance(self._data, io.BytesIO) and self._data.tell() > HELD_BYTES:
@@ -383,12 +344,15 @@ class GltfBuilder:
 
     def save(self, path: Path, *, as_text: bool = False) -> None:
         """Write the file as a GLB, or as JSON with its buffer in base64."""
-        self._copy_kept()
+        if self._source is not None:
+            there = {id(one) for one in self.root.get("bufferViews", ())}
+            kept = [one for one in self._kept if id(one) in there]
+            self._others = copy_views(self._source, kept, self._append)
         while self._shared:
             self._compress(self._shared.pop(next(iter(self._shared))))
         for entry in self._compressed:
             entry["buffer"] = 1 + len(self._others)
-        self._data.write(bytes(-self._data.tell() % _ALIGNMENT if not as_text else 0))
+        self._data.write(bytes(-self._data.tell() % ALIGNMENT if not as_text else 0))
         length = self._data.tell()
         uri = {"uri": "data:application/octet-stream;base64,"} if as_text else {}
         self.root["buffers"] = [{"byteLength": length, **uri}, *self._others, *self._fallback()]
@@ -402,7 +366,7 @@ class GltfBuilder:
                     file.write(base64.b64encode(block))
                 file.write(tail)
             else:
-                text += b" " * (-len(text) % _ALIGNMENT)
+                text += b" " * (-len(text) % ALIGNMENT)
                 file.write(GLB_HEADER.pack(GLB_MAGIC, 2, GLB_HEADER.size + 2 * CHUNK_HEADER.size + len(text) + length))
                 file.write(CHUNK_HEADER.pack(len(text), b"JSON") + text + CHUNK_HEADER.pack(length, b"BIN\0"))
                 shutil.copyfileobj(self._data, file, COPIED_BYTES)

@@ -20,9 +20,10 @@ from pdecodec.formats.base.normals import NormalRows
 from pdecodec.formats.gltf.builder import QUANTIZATION, VERTEX_DATA, GltfBuilder
 from pdecodec.formats.gltf.file import TRIANGLES
 from pdecodec.formats.gltf.mesh_motion import CodedRows
-from pdecodec.formats.gltf.mesh_writer import MeshWriter, Part, triangulate, uv_rows
+from pdecodec.formats.gltf.mesh_writer import MeshWriter, Part, uv_rows
 from pdecodec.formats.gltf.motion import Lattice, Motion, largest_angle, lattice_of
 from pdecodec.formats.gltf.packing import TRIANGLE_ORDERS, exponential, octahedral
+from pdecodec.formats.gltf.primitives import triangulate
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Connectivity, MeshObject
 

@@ -28,6 +28,7 @@ from pdecodec.formats.gltf.builder import INDEX_DATA, QUANTIZATION, VERTEX_DATA,
 from pdecodec.formats.gltf.file import LINES, POINTS, TRIANGLES, fingerprint, flipped
 from pdecodec.formats.gltf.inventory import GROUPS
 from pdecodec.formats.gltf.motion import Lattice, Motion
+from pdecodec.formats.gltf.primitives import segments_of, triangulate
 from pdecodec.mesh.arrays import BoolArray, Float32Array, Int64Array
 from pdecodec.mesh.sequence import Attribute, Connectivity, MeshObject
 
@@ -291,7 +292,7 @@ class MeshWriter:
                 if len(chosen):
                     is_empty = False
                     yield Part(TRIANGLES, chosen.reshape(-1), None if number < 0 else labels[number], names, not flat)
-        segments = _segments(item.connectivity)
+        segments = segments_of(item.connectivity)
         if segments.size:
             yield Part(LINES, self.vertex_rows[segments])
         points = [self.vertex_rows[np.flatnonzero(expanded(one))] for one in _points_of(item)]
@@ -366,17 +367,6 @@ def _note_connectivity(connectivity: Connectivity, corner_rows: Int64Array, note
         notes["lineIndices"] = encode_integers(connectivity.line_indices)
 
 
-def triangulate(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
-    """Split faces into triangles, each face a fan from its first corner; return (triangles, 3) rows and their faces."""
-    counts = connectivity.face_counts.astype(np.int64)
-    starts = np.cumsum(counts) - counts
-    per_face = counts - 2
-    faces = np.repeat(np.arange(counts.size), per_face)
-    step = np.arange(faces.size) - np.repeat(np.cumsum(per_face) - per_face, per_face)
-    corners = np.stack([starts[faces], starts[faces] + step + 1, starts[faces] + step + 2], axis=1)
-    return corner_rows[corners].reshape(-1, 3), faces
-
-
 def _materials_of(item: MeshObject) -> tuple[tuple[str, ...], Int64Array]:
     """Return the names of materials, and the material of each face, -1 for none."""
     for one in item.attributes:
@@ -402,14 +392,3 @@ def _parts(materials: Int64Array, groups: Sequence[Attribute], most: int) -> Ite
             elif not one.labels and value > 0:
                 names.append(one.name.removeprefix(f"{GROUP}:"))
         yield members.reshape(-1) == number, material, names
-
-
-def _segments(connectivity: Connectivity) -> Int64Array:
-    """Return lines as pairs of vertices, one pair after the other."""
-    indices = connectivity.line_indices.astype(np.int64)
-    if indices.size < 2:
-        return np.zeros(0, np.int64)
-    ends = np.cumsum(connectivity.line_counts) - 1
-    inside = np.ones(indices.size - 1, bool)
-    inside[ends[:-1][ends[:-1] < indices.size - 1]] = False
-    return np.stack([indices[:-1][inside], indices[1:][inside]], axis=1).reshape(-1)

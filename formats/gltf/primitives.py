@@ -1,4 +1,4 @@
-"""Read the primitives of a glTF mesh: attributes, compressed or not, joints, normals, triangles and lines."""
+"""Primitives of a glTF mesh: read attributes, compressed or not, joints and normals; convert triangles and lines."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pdecodec.formats.base.stored_normals import shared_normals
 from pdecodec.formats.gltf.compression import DRACO, DracoMesh, decode_draco
 from pdecodec.formats.gltf.file import LINE_LOOP, LINES, TRIANGLE_STRIP, TRIANGLES, GltfFile, as_declared
 from pdecodec.mesh.arrays import Float32Array, Float64Array, Int32Array, Int64Array
-from pdecodec.mesh.sequence import Attribute
+from pdecodec.mesh.sequence import Attribute, Connectivity
 
 
 @dataclass(frozen=True)
@@ -142,3 +142,25 @@ def lines_of(mode: int, indices: Int64Array) -> list[Int32Array]:
     if mode == LINE_LOOP:
         indices = np.concatenate([indices, indices[:1]])
     return [indices.astype(np.int32)]
+
+
+def triangulate(connectivity: Connectivity, corner_rows: Int64Array) -> tuple[Int64Array, Int64Array]:
+    """Split faces into triangles, each face a fan from its first corner; return (triangles, 3) rows and their faces."""
+    counts = connectivity.face_counts.astype(np.int64)
+    starts = np.cumsum(counts) - counts
+    per_face = counts - 2
+    faces = np.repeat(np.arange(counts.size), per_face)
+    step = np.arange(faces.size) - np.repeat(np.cumsum(per_face) - per_face, per_face)
+    corners = np.stack([starts[faces], starts[faces] + step + 1, starts[faces] + step + 2], axis=1)
+    return corner_rows[corners].reshape(-1, 3), faces
+
+
+def segments_of(connectivity: Connectivity) -> Int64Array:
+    """Return lines as pairs of vertices, one pair after the other."""
+    indices = connectivity.line_indices.astype(np.int64)
+    if indices.size < 2:
+        return np.zeros(0, np.int64)
+    ends = np.cumsum(connectivity.line_counts) - 1
+    inside = np.ones(indices.size - 1, bool)
+    inside[ends[:-1][ends[:-1] < indices.size - 1]] = False
+    return np.stack([indices[:-1][inside], indices[1:][inside]], axis=1).reshape(-1)

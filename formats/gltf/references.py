@@ -1,23 +1,23 @@
-"""Find what a glTF file refers to, and drop accessors and buffer views that nothing refers to any more."""
+"""Find what a glTF file refers to, drop accessors and buffer views that nothing refers to, and copy the others."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pdecodec.formats.gltf.compression import DRACO
+from pdecodec.formats.gltf.compression import DRACO, MESHOPT_NAMES
 from pdecodec.formats.gltf.file import POSITION_NEUTRAL_PREFIXES, READABLE_EXTENSIONS, GltfFile
 from pdecodec.formats.gltf.types import INSTANCING, MESH_MOTION
 
 Site = tuple[dict[str, Any], str]
 """An object of the JSON and the key under which it has an index."""
 
-VERTEX_ALIGNMENT = 4
-"""Rows of vertex attributes begin at multiples of this [bytes]."""
+ALIGNMENT = 4
+"""Rows of vertex attributes, and parts of a file, begin at multiples of this [bytes]."""
 
 
 def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[str, int]]) -> None:
@@ -60,6 +60,43 @@ def drop_unused(root: dict[str, Any], file: GltfFile, place: Callable[..., dict[
             del root[kind]
 
 
+def copy_views(file: GltfFile, views: Sequence[dict[str, Any]], append: Callable[[bytes], int]) -> list[dict[str, Any]]:
+    """Copy the bytes of buffer views of a file to buffer 0, and change their entries.
+
+    `append` adds bytes and returns their offset. Returns the entries of buffers that have no data, for compressed views
+    to name from 1 on.
+    """
+    parts: dict[int, list[dict[str, Any]]] = {}
+    for view in views:
+        packed = [view["extensions"][name] for name in MESHOPT_NAMES if name in view.get("extensions", {})]
+        for entry in (view, *packed):
+            # What is damaged, and was not needed to read the motion, stays as it is.
+            if "byteLength" in entry and entry.get("buffer", len(file.buffers)) < len(file.buffers):
+                parts.setdefault(entry["buffer"], []).append(entry)
+    without_data: list[dict[str, Any]] = []
+    for index, entries in sorted(parts.items()):
+        data = file.buffers[index]
+        if not data:
+            without_data.append(file.root["buffers"][index])
+            for entry in entries:
+                entry["buffer"] = len(without_data)
+            continue
+        ranges: list[tuple[int, int, list[dict[str, Any]]]] = []
+        for entry in sorted(entries, key=lambda one: int(one.get("byteOffset", 0))):
+            first = int(entry.get("byteOffset", 0))
+            end = first + int(entry["byteLength"])
+            if ranges and first < ranges[-1][1]:
+                start, last, members = ranges.pop()
+                ranges.append((start, max(last, end), [*members, entry]))
+            else:
+                ranges.append((first - first % ALIGNMENT, end, [entry]))
+        for start, end, members in ranges:
+            shift = append(data[start:end]) - start
+            for entry in members:
+                entry |= {"buffer": 0, "byteOffset": int(entry.get("byteOffset", 0)) + shift}
+    return without_data
+
+
 def _keep(owner: dict[str, Any], kind: str, sites: list[Site], fixed: int) -> None:
     """Keep those entries of a list that are before `fixed`, or referred to, and number them anew.
 
@@ -99,7 +136,7 @@ def _rows(file: GltfFile, index: int, *, is_attribute: bool) -> tuple[NDArray[An
     if not is_attribute:
         return rows.reshape(-1), target
     size = rows.shape[1] * rows.itemsize
-    padded = np.zeros((len(rows), size + -size % VERTEX_ALIGNMENT), np.uint8)
+    padded = np.zeros((len(rows), size + -size % ALIGNMENT), np.uint8)
     padded[:, :size] = rows.view(np.uint8).reshape(len(rows), size)
     return padded, target
 
