@@ -2,10 +2,10 @@
 
     python plugins/measure.py blender PYTHON CLIP.pdeanim ...
 
-The program is blender, paraview or pyvista, and PYTHON the interpreter that has it and pdecodec (for ParaView,
-pvpython); the one that runs this file writes the other files. Each figure is the smallest of runs in processes of their
-own, with files in the system's cache: processor time of all threads, and the memory that the process takes beyond the
-program and the modules of pdecodec.
+The program is blender, paraview, pyvista or usd, and PYTHON the interpreter that has it and pdecodec (for ParaView,
+pvpython; for USD, PXR_PLUGINPATH_NAME names the folder of the plug-in); the one that runs this file writes the other
+files. Each figure is the smallest of runs in processes of their own, with files in the system's cache: processor time
+of all threads, and the memory that the process takes beyond the program and the modules of pdecodec.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,9 @@ RUNS = 5
 FRAME_SHARES = (0.618, 0.382)
 """Where in the clip the two frames are that are shown."""
 
-OTHER_FILES = {"blender": (".abc", ".usdc"), "paraview": (".pvd", ".xdmf"), "pyvista": (".pvd", ".xdmf")}
+OTHER_FILES = {
+    "blender": (".abc", ".usdc"), "paraview": (".pvd", ".xdmf"), "pyvista": (".pvd", ".xdmf"), "usd": (".usdc", ".abc"),
+}  # fmt: skip
 """Extensions of the files that each program is given besides .pdeanim; .pvd lists one .vtu for each frame."""
 
 
@@ -84,6 +86,58 @@ def pyvista(path: Path) -> Iterator[Any]:
         yield reader.read()
 
 
+def usd(path: Path) -> Iterator[Any]:
+    """Open a layer as a stage, and read the points of frames; .abc files are read by Alembic's own library."""
+    import numpy as np
+    from pxr import Plug, Usd
+
+    # Libraries load their schemas and the plug-in, once in a process.
+    if path.suffix == ".abc":
+        from alembic3d import AbcGeom  # noqa: F401
+    else:
+        empty = Usd.Stage.CreateInMemory()
+        empty.DefinePrim("/a", "Mesh").GetAttributes()
+        Plug.Registry().GetPluginWithName("pdeanim_usd").Load()
+    yield
+    readers = alembic_readers(path) if path.suffix == ".abc" else usd_readers(path)
+    yield
+    for share in FRAME_SHARES:
+        for points in readers:
+            # A .usdc file is mapped: its bytes are read when they are looked at.
+            np.array(points(share)).sum()
+        yield
+
+
+def usd_readers(path: Path) -> list[Callable[[float], Any]]:
+    """Return functions that read the points of each shape at a share of the clip's time."""
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(path))
+    first, last = stage.GetStartTimeCode(), stage.GetEndTimeCode()
+    attributes = [UsdGeom.PointBased(one).GetPointsAttr() for one in stage.Traverse() if one.IsA(UsdGeom.PointBased)]
+    # Attributes do not keep their stage.
+    return [lambda share, one=one, _=stage: one.Get(round(first + share * (last - first))) for one in attributes]
+
+
+def alembic_readers(path: Path) -> list[Callable[[float], Any]]:
+    """Return functions that read the points of each mesh at a share of its samples."""
+    from alembic3d import Abc, AbcGeom
+
+    archive = Abc.IArchive(str(path))
+    found, left = [], [archive.getTop()]
+    while left:
+        node = left.pop()
+        left += [node.getChild(index) for index in range(node.getNumChildren())]
+        if AbcGeom.IPolyMesh.matches(node.getHeader()):
+            found.append(AbcGeom.IPolyMesh(node, Abc.WrapExistingFlag.kWrapExisting).getSchema().getPositionsProperty())
+
+    def points_at(positions: Any, share: float) -> Any:
+        index = round(share * (positions.getNumSamples() - 1))
+        return positions.getValue(Abc.ISampleSelector(positions.getTimeSampling().getSampleTime(index)))
+
+    return [lambda share, one=one, _=archive: points_at(one, share) for one in found]
+
+
 def peak_memory() -> float:
     """Return the largest memory [MB] that the process had since the system's counter was reset (Linux)."""
     (line,) = [line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")]
@@ -95,7 +149,7 @@ def measure(program: str, path: Path) -> None:
     import pdecodec
 
     pdecodec.open_animation, pdecodec.bake_transforms  # noqa: B018 - the modules of pdecodec load once in a session
-    steps = {"blender": blender, "paraview": paraview, "pyvista": pyvista}[program](path)
+    steps = {"blender": blender, "paraview": paraview, "pyvista": pyvista, "usd": usd}[program](path)
     next(steps)
     Path("/proc/self/clear_refs").write_text("5")
     before = peak_memory()
