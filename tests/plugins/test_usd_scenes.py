@@ -151,6 +151,9 @@ HOSTILE: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "a negative number": ({"samples": [["a.usda", "/mesh.points", "heat", -1, "<f4", 0.0, 0.0, 3]]}, GOOD),
     "lists within lists": ({"arrays": json.loads("[" * 900 + "]" * 900)}, GOOD),
+    "references in a chain": (
+        {}, GOOD + "".join(f'def "r{i}" (references = </r{i + 1}>) {{}}\n' for i in range(1000)) + 'def "r1000" {}\n'
+    ),
     "a rate of nothing": ({}, GOOD.replace("#usda 1.0", "#usda 1.0\n(timeCodesPerSecond = 0)")),
     "a transform that flattens": (
         {}, GOOD.replace("    int[] faceVertexCounts", "    float3 xformOp:scale = (1, 0, 1)\n"

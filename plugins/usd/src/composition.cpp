@@ -16,6 +16,9 @@ const TfToken spline_field("spline");
 // Prims above each other, as far as recursion can bear.
 constexpr std::size_t max_depth = 1000;
 
+// Places that the opinions on a prim may come from: the time that USD takes to find them grows with their square.
+constexpr std::size_t max_nodes = 1000;
+
 // Memory that a composed prim takes, and each place where its opinions may come from: references multiply both.
 constexpr std::uint64_t prim_bytes = 4096, node_bytes = 256;
 
@@ -150,7 +153,9 @@ void Composition::visit(const SdfPath &path, Above above) {
         index = &cache_->ComputePrimIndex(path, &errors);
     }
     const auto nodes = index->GetNodeRange();
-    carrier_.reserve(prim_bytes + node_bytes * std::distance(nodes.first, nodes.second));
+    const auto node_count = static_cast<std::size_t>(std::distance(nodes.first, nodes.second));
+    if (node_count > max_nodes) throw Failure("a prim of the scene has too many references");
+    carrier_.reserve(prim_bytes + node_bytes * node_count);
     const Prim prim(*index);
     // USD draws prims that are defined, active and not abstract.
     SdfSpecifier specifier = SdfSpecifierOver;
