@@ -151,7 +151,8 @@ def zig_programs(folder: Path, target: str) -> dict[str, str]:
         script = folder / name
         script.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m ziglang {command} "$@"\n', "utf-8")
         script.chmod(0o755)
-    return {name: str(folder / name) for name in commands}
+    # CMake wants this program for macOS, though it runs only where something is installed
+    return {name: str(folder / name) for name in commands} | {"CMAKE_INSTALL_NAME_TOOL": "install_name_tool"}
 
 
 def run(*command: str | Path) -> None:
