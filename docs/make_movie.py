@@ -19,17 +19,18 @@ from tests.support.driven_browser import Browser, browsing
 SIMULATED = ("simulate", "cloth", "--drape", "sphere", "--columns", "100", "--rows", "100", "--frames")
 
 FRAMES = 72
+"""Number of frames of the clip, at 24 frames per second."""
 
-SIZE = (400, 310)
+PANEL_SIZE = (400, 310)
 """Size of each of the two pictures [pixels]."""
 
-CAPTION = 34
+CAPTION_HEIGHT = 34
 """Height of the line below them [pixels]."""
 
-STEP = 2
+FRAME_STEP = 2
 """Frames of the clip to a picture; at 24 frames per second, 12 pictures a second play at real speed."""
 
-NEARER = 0.86
+CAMERA_DISTANCE = 0.86
 """Distance of the camera, relative to the page's first view."""
 
 DRAW = """
@@ -46,7 +47,7 @@ return page.gl.canvas.toDataURL();
 def draw(browser: Browser, frame: int, view: str) -> Image.Image:
     """Return the picture of one clip at a frame: `view` is `a` for the decoded one, `b` for the original."""
     text = browser.run(DRAW, frame, view).split(",")[1]
-    return Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB").resize(SIZE, Image.Resampling.LANCZOS)
+    return Image.open(io.BytesIO(base64.b64decode(text))).convert("RGB").resize(PANEL_SIZE, Image.Resampling.LANCZOS)
 
 
 def size_text(size: int) -> str:
@@ -73,16 +74,22 @@ def main(path: Path) -> None:
             browser.resize(1100, 760)
             browser.open(page.as_uri())
             browser.run("while (!globalThis.pdeanimView?.second) await new Promise((next) => setTimeout(next, 50));")
-            browser.run("pdeanimView.camera.distance *= arguments_[0]", NEARER)
-            for frame in range(0, FRAMES, STEP):
-                picture = Image.new("RGB", (2 * SIZE[0], SIZE[1] + CAPTION), "white")
+            browser.run("pdeanimView.camera.distance *= arguments_[0]", CAMERA_DISTANCE)
+            for frame in range(0, FRAMES, FRAME_STEP):
+                picture = Image.new("RGB", (2 * PANEL_SIZE[0], PANEL_SIZE[1] + CAPTION_HEIGHT), "white")
                 for place, view in enumerate("ba"):
-                    picture.paste(draw(browser, frame, view), (place * SIZE[0], 0))
-                    middle = (place * SIZE[0] + SIZE[0] // 2, SIZE[1] + CAPTION // 2)
+                    picture.paste(draw(browser, frame, view), (place * PANEL_SIZE[0], 0))
+                    middle = (place * PANEL_SIZE[0] + PANEL_SIZE[0] // 2, PANEL_SIZE[1] + CAPTION_HEIGHT // 2)
                     ImageDraw.Draw(picture).text(middle, captions[place], "black", font, "mm")
                 pictures.append(picture)
         pictures[0].save(
-            path, save_all=True, append_images=pictures[1:], duration=1000 * STEP // 24, loop=0, quality=70, method=6
+            path,
+            save_all=True,
+            append_images=pictures[1:],
+            duration=1000 * FRAME_STEP // 24,
+            loop=0,
+            quality=70,
+            method=6,
         )
 
 

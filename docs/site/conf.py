@@ -11,7 +11,7 @@ release = pdecodec.__version__
 copyright = author = "The pdecodec maintainers"
 extensions = ["myst_parser", "sphinx.ext.autodoc", "numpydoc"]
 
-myst_heading_anchors = 6  # anchors are those of the pages that host repositories
+myst_heading_anchors = 6  # headings get the same anchors as on pages that host repositories
 
 default_role = "literal"  # `encode` in a docstring is code
 autodoc_typehints = "none"  # docstrings have types with shapes and units

@@ -468,7 +468,7 @@ class SceneSequence(MeshSequence):
                 transform = transform_attribute(self.times, matrices)
                 item = dataclasses.replace(item, attributes=(*item.attributes, transform))
         elif shape.connectivity.face_count:
-            # As baked transforms decide; matrices are read until one does not flatten.
+            # The first matrix that does not flatten decides, as in bake_transforms.
             frames = (0, self.frame_count - 1, *range(self.frame_count))
             found = (self._matrices(shape, frame, frame + 1) for frame in frames)
             if mirrors(one[0] for one in found if one is not None):
