@@ -6,6 +6,6 @@ Writing: ``motion.py`` finds and rounds the morph targets of an object's motion,
 ``functions.py`` fits; ``rigid_keys.py`` and ``rigid_objects.py`` turn rigid motion into moving nodes and skins;
 ``mesh_writer.py`` and ``builder.py`` lay the file out; ``delivered_mesh.py`` and ``packing.py`` write smaller
 files for viewers. ``animated_scene.py`` has the nodes and animations that ``writer.py`` shares with ``onto.py``,
-which replaces the motion of an existing file. ``materials.py`` copies materials from another file, and ``vertex_textures.py`` writes
-motion as textures next to a mesh.
+which replaces the motion of an existing file. ``materials.py`` copies materials from another file, and
+``vertex_textures.py`` writes motion as textures next to a mesh.
 """
